@@ -124,10 +124,7 @@ def count_processors() -> int:
 
 
 def available_memory() -> int:
-    """Return the bytes of memory that this process can use without swapping or being killed.
-
-    The least of what the machine, the control groups (v2) of this process, and its address space have left.
-    """
+    """Return the bytes that this process can use: the least that machine, control groups (v2) and limits leave it."""
     return min([_machine_memory(), *_control_group_memory(), *_address_space_left()])
 
 

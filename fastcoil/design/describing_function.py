@@ -204,26 +204,22 @@ _ROUND_OFF_BUFFER = 1e-6  # fraction of stroke; a buffer up to this size is agai
 
 
 class Elements(NamedTuple):
-    """The PI of each loop, and what lies between its u and the temperature, (n, 1) each, fractions of stroke.
-
-    width, reversal_band: of ``describing_function``, in u.  slope: of the compensation; 1 without one.  offset: of the
-    middle of u above that of the stem.  turn_delay: seconds after a turn until the valve may move: an inverse sees it
-    half a sample late, and its jump takes the motor a while.  swing_mean, swing_gain: of ``mean_openings_and_gains``.
-    """
+    """The PI of each loop, and what lies between its u and the temperature, (n, 1) each, fractions of stroke."""
 
     kp: Array
     ti: Array
     sample_time: Array
     backlash: Array
     stroke_time: Array
-    sign: Array
-    width: Array
-    reversal_band: Array
-    slope: Array
-    offset: Array
+    sign: Array  # of the error per K of T_sup
+    width: Array  # of ``describing_function``, in u
+    reversal_band: Array  # the same
+    slope: Array  # of the compensation; 1 without one
+    offset: Array  # of the middle of u above that of the stem
+    # s after a turn until the valve may move: an inverse sees it half a sample late, and its jump takes a while
     turn_delay: Array
-    swing_mean: Array
-    swing_gain: Array
+    swing_mean: Array  # of ``mean_openings_and_gains``
+    swing_gain: Array  # the same
 
     @classmethod
     def from_columns(cls, columns: Columns, plants: Plants) -> Elements:

@@ -32,14 +32,11 @@ DescribingFunction = Callable[[Array], Complex]
 
 
 class HarmonicBalance(NamedTuple):
-    """Balance of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
+    """Balance of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes)."""
 
-    product: |L| |N| where both lag 180° together, else 0.  place: index of the frequency, with a fraction.  size: |N|.
-    """
-
-    product: Array
-    place: Array
-    size: Array
+    product: Array  # |L| |N| where L and N lag 180° together; 0 where they do nowhere
+    place: Array  # index of the frequency, with a fraction
+    size: Array  # |N|
 
 
 def frequency_at(w: Array, place: Array) -> Array:
@@ -161,20 +158,15 @@ _N_AMPLITUDES = 44  # of u, by equal ratios
 
 
 class Cycles(NamedTuple):
-    """Hunting index and limit cycle of each loop, (n,).
+    """Hunting index and limit cycle of each loop, (n,)."""
 
-    hunting_index: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``;
-    without a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
-    hunts: 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0.
-    period: s.  amplitude: half of peak to peak of true T_sup, K.  NaN where it does not hunt.
-    frequency: of the hunting index, rad/s.
-    """
-
+    # largest |L| |N| where both lag 180° together, over swings of T_sup of up to ``DISTURBANCE``; without a gap 1 over
+    # the gain margin; 0 where the two never do, or no opening holds the set-point
     hunting_index: Array
-    hunts: Array
-    period: Array
-    amplitude: Array
-    frequency: Array
+    hunts: Array  # 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0
+    period: Array  # s, NaN where it does not hunt, as the amplitude
+    amplitude: Array  # half of peak to peak of true T_sup, K
+    frequency: Array  # of the hunting index, rad/s
 
 
 def predict_cycles(columns: Columns, plants: Plants) -> Cycles:

@@ -26,17 +26,12 @@ _LOWEST_FREQUENCY = 1e-6  # rad/s: any integral has brought L above 1 there
 
 
 class Margins(NamedTuple):
-    """Margins of n loops without a gap, (n,) each.
+    """Margins of n loops without a gap, (n,); NaN for a valve that changes nothing or acts the wrong way round."""
 
-    ultimate_gain: kp at which the loop would keep swinging under a P controller, 1/K.  ultimate_period: s.
-    gain_margin: by how much kp may be multiplied; below 1 the loop is unstable.  phase_margin: degrees.
-    NaN where there is no such thing: a valve that changes nothing, or acts the wrong way round.
-    """
-
-    ultimate_gain: Array
-    ultimate_period: Array
-    gain_margin: Array
-    phase_margin: Array
+    ultimate_gain: Array  # kp at which the loop would keep swinging under a P controller, 1/K
+    ultimate_period: Array  # s
+    gain_margin: Array  # by how much kp may be multiplied; below 1 the loop is unstable
+    phase_margin: Array  # degrees
 
 
 def margins_of(columns: Columns, plants: Plants) -> Margins:

@@ -104,14 +104,13 @@ def floats(columns: Columns, *names: str) -> Iterator[Array]:
 
 
 class Plants(NamedTuple):
-    """Linearised plants at rest of n loops, (n,) each, a controlled room included.
-
-    Gain and response are NaN where T_sup jumps past the set-point, as of a coil with two states of rest, wet and dry.
-    """
+    """Linearised plants at rest of n loops, (n,) each, a controlled room included."""
 
     opening: Array  # fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it
     T_sup: Array  # °C, at rest there: supply air, or the room where it is controlled
-    gain: Array  # K per unit opening, below 0 for cooling
+    # K per unit opening, below 0 for cooling; NaN, as the response, where T_sup jumps past the set-point: a coil that
+    # exchanges less when it is wet than when it is dry has two states of rest
+    gain: Array
     reachable: Mask  # whether an opening holds the set-point
     m_w: Array  # kg/s
     wet_volumes: Array  # one that is wet and dry by turns counts with the share of time in which it is wet

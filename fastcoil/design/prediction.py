@@ -18,18 +18,14 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 
 class Prediction(NamedTuple):
-    """Prediction of a single loop at the operating points of a day, (n_points,) each.
-
-    reachable_points: where the valve can hold the set-point and theory has a hunting index.  worst_point: that with the
-    largest; -1 without one.
-    """
+    """Prediction of a single loop at the operating points of a day, (n_points,) each."""
 
     loop: Loop
     points: PointsOfDay
     plants: Plants
     cycles: Cycles
-    reachable_points: Index
-    worst_point: int
+    reachable_points: Index  # where the valve can hold the set-point and theory has a hunting index
+    worst_point: int  # that of them with the largest hunting index; -1 without one
 
     @property
     def hunting_index(self) -> float:

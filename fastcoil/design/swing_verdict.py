@@ -27,20 +27,15 @@ LEAST_REGULARITY = 2.0 / 3.0  # share of periods as long as the one before, in a
 
 
 class SwingVerdict(NamedTuple):
-    """Swing of a loop, and whose it is.
-
-    rings: whether a swing that the loop does not sustain is larger than what air, water and set-point would make of it.
-    swing, swing_alone: median peak to peak of T_sup, K, on the day and with air, water and set-point constant, NaN if
-    unknown.  period: s.  movers: what moves on the day, such as "the air flow".
-    """
+    """Swing of a loop, and whose it is."""
 
     is_own: bool
     is_regular: bool
-    swing: float
-    period: float
-    swing_alone: float = math.nan
-    movers: tuple[str, ...] = ()
-    rings: bool = False
+    swing: float  # median peak to peak of T_sup, K
+    period: float  # s
+    swing_alone: float = math.nan  # the same with air, water and set-point constant, NaN if unknown
+    movers: tuple[str, ...] = ()  # what moves on the day, such as "the air flow"
+    rings: bool = False  # whether a swing that the loop does not sustain is larger than air, water, set-point explain
 
     @property
     def size(self) -> str:

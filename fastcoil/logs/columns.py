@@ -43,13 +43,9 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """Options of ``fc.read_log``, and how messages name them; ``columns`` is None if the log has our names.
+    """Options of ``fc.read_log``, and how messages name them; None where the caller does not offer one."""
 
-    refuse_gaps: refuse gaps and changes of batch.  reader: what the user calls: ``read_log`` or a command built on it,
-    ``join``, or a function with the arguments themselves.
-    """
-
-    columns: Mapping[str, str] | None = None
+    columns: Mapping[str, str] | None = None  # None also if the log has our names
     units: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, float] | None = None
     ignore: Sequence[str] = ()  # columns that are not read, by our names or by their headers
@@ -59,7 +55,8 @@ class ReadingOptions:
     time_format: str | None = None
     time_zone: str = ""
     month_first: bool = False  # whether the month comes before the day where a table does not show it
-    refuse_gaps: bool = False
+    refuse_gaps: bool = False  # and changes of batch
+    # what the user calls: ``read_log`` or a command built on it, ``join``, or a function with the arguments themselves
     reader: Literal["read_log", "join", "function"] = "function"
 
     def cure(self, argument: str, option: str) -> str:

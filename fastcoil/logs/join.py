@@ -47,10 +47,7 @@ class Point(NamedTuple):
 
 
 def _find_change_points(points: Sequence[Point]) -> list[Point]:
-    """Mark the points that are written when they change.
-
-    Few samples, or for a point that holds each a change, at steps that are uneven or at least five times the fastest.
-    """
+    """Mark the points that are written when they change: by steps that are uneven, or few and far between."""
     median_steps = [float(np.median(np.diff(point.times))) if point.times.size > 1 else np.inf for point in points]
     marked = []
     for point, step in zip(points, median_steps, strict=True):

@@ -1,7 +1,4 @@
-"""A CSV file or a Dataset as a table of text, with the mistakes found in it so far.
-
-Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
-"""
+"""A CSV file or a Dataset as a table of text, rows numbered as in a spreadsheet, with its mistakes so far."""
 
 from __future__ import annotations
 

@@ -305,10 +305,7 @@ _SCENARIOS_PER_CHUNK = 65536  # whose parameters are in memory
 
 
 def check_stability(layout: Layout) -> None:
-    """Refuse the whole study if one scenario violates γ ≤ 1 or λ ≤ 1 at the largest flows of water and air.
-
-    The wet λ takes dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
-    """
+    """Refuse the whole study if one scenario violates γ ≤ 1 or λ ≤ 1 at the largest flows of water and air."""
     _check_room_stability(layout)
     plants = used_choices(layout.loop, "plant")
     if "coil" not in plants:

@@ -1,7 +1,4 @@
-"""Convert labelled input (DataArray, Series, DataFrame, numbers with a unit) to arrays in the units of the tables.
-
-Labels are honoured or refused, never ignored.  A bare array has no labels.
-"""
+"""Convert labelled input (arrays, Series, numbers with a unit) to arrays in our units; labels are never ignored."""
 
 import warnings
 from collections.abc import Mapping

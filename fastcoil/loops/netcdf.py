@@ -174,10 +174,7 @@ def cut_into_pieces(shape: tuple[int, ...], max_values: int) -> Iterator[tuple[s
 
 
 def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:
-    """Return the slabs of scenarios, over the first ``n_dims`` dims, in which a trace is written; and its chunk.
-
-    A chunk has some scenarios over a part of the time: neither one scenario nor one time needs the whole file.
-    """
+    """Return the slabs of scenarios in which a trace is written, and its chunk: some scenarios at some times."""
     *volumes, n_points = shape[n_dims:] or (1,)
     values_per_point = math.prod(volumes)
     per_chunk = _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES))

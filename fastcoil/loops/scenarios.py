@@ -211,10 +211,7 @@ _DIM_ATTRS = {
 def flat_dataset(
     index: np.ndarray, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
 ) -> xr.Dataset:
-    """Put the results of some scenarios, flat indices (n,), into a Dataset along the dim ``scenario``.
-
-    metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or (n, N, n_points).
-    """
+    """Put metrics, (len(METRICS), n), and traces, (n, [N,] n_points), into a Dataset along ``scenario``."""
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
     variables: dict[str, Any] = {}
     for output, values in zip(METRICS.values(), metrics, strict=True):

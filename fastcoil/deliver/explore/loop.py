@@ -1,7 +1,4 @@
-"""The model behind the page: settings in; traces, metrics, an explanation and a map of the loop out, cached.
-
-Settings are the numbers and words that the reader can change; they begin at a loop or a story.
-"""
+"""The model behind the page: settings in; traces, metrics, an explanation and a map of the loop out, cached."""
 
 import math
 from collections.abc import Mapping

@@ -71,10 +71,7 @@ def set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in):
 
 @section
 def coldest_and_dampest(S, V, n_volumes):
-    """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
-
-    Within the stability limits no volume goes beyond these until something colder or damper enters.
-    """
+    """Lowest temperature, °C, and highest humidity ratio in the coils, until something colder or damper enters."""
     for j in range(LANES):
         S[R.coldest + j] = np.inf
         S[R.dampest + j] = -np.inf

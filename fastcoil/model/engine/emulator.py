@@ -25,18 +25,14 @@ DAY_COLUMN = name_offsets(DAY_COLUMNS)
 
 
 class Day(NamedTuple):
-    """The day that all lanes of a block share.
+    """The day that all lanes of a block share; label and seed are the key of its noise."""
 
-    series: (n_steps, 11), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label, seed (two
-    32-bit words): key of the noise.  start: seconds since the start of the first of consecutive days.
-    """
-
-    series: np.ndarray
-    command: np.ndarray
+    series: np.ndarray  # (n_steps, 11), columns as in DAY_COLUMNS
+    command: np.ndarray  # (n_steps,) for an open loop, or empty
     schedule: metrics.Schedule
     label: int
-    seed: tuple[int, int]
-    start: int = 0
+    seed: tuple[int, int]  # two 32-bit words
+    start: int = 0  # seconds since the start of the first of consecutive days
     was_enabled: bool = True
 
 

@@ -55,18 +55,14 @@ NO_USER_RULES = UserRules()
 
 
 class BlockConfig(NamedTuple):
-    """Settings of the kernel for all lanes of a block.
-
-    Periods are common divisors of the lanes', s (0 = nothing is estimated).  Flags let the block skip or share work;
-    they change no bits.  n_kept: seconds that a plant of the user may look back to.  The last five are stages.
-    """
+    """Settings of the kernel for all lanes of a block; flags let it skip or share work, and change no bits."""
 
     n_volumes: int
     substeps: int
     lagged_air: bool
-    control_period: int
+    control_period: int  # common divisor of those of the lanes, s
     samples_together: bool
-    estimating_period: int
+    estimating_period: int  # the same; 0: nothing is estimated
     has_noise: bool
     has_lag: bool
     shares_air_side: bool
@@ -74,8 +70,8 @@ class BlockConfig(NamedTuple):
     is_linear: bool
     has_room: bool
     controls_room: bool
-    n_kept: int
-    plant: Any
+    n_kept: int  # seconds that a plant of the user may look back to
+    plant: Any  # this and the following are stages
     estimator: Any
     law: Any
     control: Any
@@ -120,10 +116,7 @@ def pad_members(members: np.ndarray) -> np.ndarray:
 def run_sets(
     matrix: np.ndarray, run: Callable[[Block, np.ndarray], Sequence[np.ndarray]], rules: UserRules = NO_USER_RULES
 ) -> tuple[np.ndarray, ...]:
-    """Run many parameter sets, see ``parameter_matrix``, block by block.
-
-    run: takes a block and its members, returns arrays (…, LANES); of all sets they are (…, n_sets), in their order.
-    """
+    """Run parameter sets block by block; run: a block, members → arrays (…, LANES), which become (…, n_sets)."""
     results: tuple[np.ndarray, ...] = ()
     for members, block in cut_into_blocks(matrix, rules):
         parts = run(block, members)

@@ -41,10 +41,7 @@ def adopt_estimate(S, j, t, x_hat):
 
 @cache
 def estimator_stage(estimator: Estimator) -> Any:
-    """Return the address of an estimator compiled for a block, see ESTIMATOR_SIGNATURE.
-
-    rule_state: its parameters, its memory, (n_parameters + n_memory) * LANES, and an array for each lane if it has one.
-    """
+    """Return the address of a compiled estimator; rule_state: its parameters, memory, and an array for each lane."""
     step, start, confirms = map(compile_exact, (estimator.step, estimator.start, estimator.confirms))
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, memory_defaults(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None

@@ -58,10 +58,7 @@ def normal_pair(pair, channel, replicate, day, k0, k1):
 
 @kernel
 def low_pass(x, decay, y):
-    """Filter x, (n,), into y, (n,): y[t] = decay y[t - 1] + (1 - decay) x[t], with y = 0 before the first sample.
-
-    decay = e^(-dt/τ); x and y may be the same array.
-    """
+    """Filter x, (n,), into y, which may be x: y[t] = decay y[t - 1] + (1 - decay) x[t] with decay = e^(-dt/τ)."""
     gain = 1.0 - decay
     carried = 0.0
     for t in range(x.size):

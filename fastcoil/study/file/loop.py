@@ -77,10 +77,7 @@ SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace":
 def build_loop(
     file: StudyFile, included: Mapping[str, Any], rules: Mapping[str, Rule], folder: Path, batches: int = 1
 ) -> Loop:
-    """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample.
-
-    rules: by the names that stand for them in the tables.  folder: where paths of ``[sample]`` start.
-    """
+    """Build the loop of a study from its tables, what it includes, and user-defined rules by their names there."""
     if len(file.cases) > _MAX_DIMS:
         sentence = f"[cases] has {len(file.cases):,} tables: give at most {_MAX_DIMS}, each is a dimension"
         raise InputError(sentence, "cases", "size")

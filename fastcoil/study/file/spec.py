@@ -142,26 +142,22 @@ _TABLES_WITHOUT_EFFECT = ("title", "question", "tune")  # on which no scenario d
 
 @dataclass(frozen=True)
 class Study:
-    """A study that can be run: its text and tables, its question, and the validated plan.
-
-    reduction: of ``[run] reduce``.  included_parameters: from ``[loop] include``.  rules: code of user-defined rules,
-    by name.  batches: of samples in ``plan``.  largest_plan: that of the most samples that may be drawn.
-    """
+    """A study that can be run: its text and tables, its question, and the validated plan."""
 
     text: str
     tables: Mapping[str, Any] = field(repr=False)
     title: str
     question: str
     plan: Plan
-    folder: Path
-    reduction: UserCode | None
-    included_parameters: Mapping[str, Any] = field(default_factory=dict)
-    sample_file_hashes: Sequence[str] = ()
-    rules: Mapping[str, UserCode] = field(default_factory=dict)
-    tuning: TuningRequest | None = None
-    precision: Precision | None = None
-    batches: int = 1
-    largest_plan: Plan | None = field(default=None, repr=False)
+    folder: Path  # where its relative paths start
+    reduction: UserCode | None  # of ``[run] reduce``
+    included_parameters: Mapping[str, Any] = field(default_factory=dict)  # from the files in ``[loop] include``
+    sample_file_hashes: Sequence[str] = ()  # of the files that ``[sample]`` names
+    rules: Mapping[str, UserCode] = field(default_factory=dict)  # code of user-defined rules, by name
+    tuning: TuningRequest | None = None  # of ``[tune]``
+    precision: Precision | None = None  # of ``[run] precision``
+    batches: int = 1  # of samples in ``plan``
+    largest_plan: Plan | None = field(default=None, repr=False)  # that of the most samples that may be drawn
 
     @property
     def sha256(self) -> str:

@@ -71,10 +71,7 @@ def find_function(what: str, text: str, folder: Path) -> UserCode:
 
 
 def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, UserCode], dict[str, Rule]]:
-    """Find the rules that ``estimator``, ``law`` or ``plant`` name as ``module:function`` anywhere in a study file.
-
-    Returns the file with their names in place of these words, and by name their sources and the rules, without code.
-    """
+    """Find the rules ``module:function`` of a file; return it with their names in place, their sources, and them."""
     problems: list[str] = []
     source_by_word: dict[tuple[str, str], UserCode] = {}
 

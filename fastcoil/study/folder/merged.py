@@ -33,20 +33,16 @@ _no_scenarios = partial(np.empty, 0, dtype=np.int64)
 
 @dataclass
 class StudyRun:
-    """A study in its folder: what is computed of it and what is missing.
-
-    results: of a finished study, None where something is left to do.  earlier: results in the folder of which scenarios
-    are kept, those at ``earlier_index`` as those at ``study_index`` of the study.  missing: flat indices to compute.
-    """
+    """A study in its folder: what is computed of it and what is missing."""
 
     store: StudyFolder
     study: Study
     manifest: Manifest
-    results: xr.Dataset | None = None
-    earlier: xr.Dataset | None = None
-    earlier_index: np.ndarray = field(default_factory=_no_scenarios)
-    study_index: np.ndarray = field(default_factory=_no_scenarios)
-    missing: np.ndarray = field(default_factory=_no_scenarios)
+    results: xr.Dataset | None = None  # of a finished study
+    earlier: xr.Dataset | None = None  # results in the folder of which scenarios are kept
+    earlier_index: np.ndarray = field(default_factory=_no_scenarios)  # of these, there
+    study_index: np.ndarray = field(default_factory=_no_scenarios)  # and in the study
+    missing: np.ndarray = field(default_factory=_no_scenarios)  # flat indices to compute
     _first_scenario: xr.Dataset | None = None
 
     @property

@@ -55,21 +55,17 @@ Environment = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a run computes, by which two runs are compared, and what is known of it so far.
-
-    relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
-    part.  outputs: SHA-256 that each final file may have, the newest first.  user_code: hashes of the rules as
-    compiled.
-    """
+    """What a run computes, by which two runs are compared, and what is known of it so far."""
 
     study_sha256: str
     boundary_sha256: str
     model_sha256: str
-    relative_to: str
-    computed_on: Sequence[Environment] = field(default=(), compare=False)
+    relative_to: str  # folder from which the study's relative paths start
+    computed_on: Sequence[Environment] = field(default=(), compare=False)  # all that computed a part of it
+    # for each final file the SHA-256 that its bytes may have, the newest first; two while a file is being replaced
     outputs: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)
-    finished: bool = field(default=False, compare=False)
-    user_code: RuleHashes = field(default_factory=dict, compare=False)
+    finished: bool = field(default=False, compare=False)  # whether the results are complete
+    user_code: RuleHashes = field(default_factory=dict, compare=False)  # of the rules, as they were compiled
 
     @property
     def key(self) -> str:
