@@ -265,7 +265,7 @@ class SafeStream(io.TextIOWrapper):
 def guard_streams() -> SafeStream:
     """Replace ``sys.stdout``, which is returned, and ``sys.stderr`` by streams that never raise.
 
-    Closed descriptors 0 to 2 are opened on /dev/null, so that no data file gets one and what a library prints.
+    Closed descriptors 0 to 2 are opened on /dev/null, so that no library prints into a data file.
     """
     for descriptor in range(3):
         try:

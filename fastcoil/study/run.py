@@ -199,9 +199,11 @@ def _run_and_merge(
         measured |= study.precision.result_attributes(ds)
     loop, boundary = plan.layout.loop, plan.layout.boundary
     if is_learning_study(loop):
-        same: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over, "n_jobs": n_workers}
-        same |= {"replicates": plan.layout.sizes.get("replicate", 1), "progress": False}
-        measured["comparators"] = format_comparators(lambda other: simulate(other, boundary, **same), loop)
+        run_options: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
+        run_options |= {"replicates": plan.layout.sizes.get("replicate", 1), "n_jobs": n_workers}
+        measured["comparators"] = format_comparators(
+            lambda other: simulate(other, boundary, progress=False, **run_options), loop
+        )
     ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)
     return n_run, ds

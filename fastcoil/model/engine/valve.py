@@ -47,7 +47,7 @@ def update_water_flow(S, leaks, is_linear):
 
 @section
 def scale_water_flow(S, j, dp_ratio):
-    """Scale the design water flow of lane j to ``dp_ratio``; a pressure-independent valve takes what is above 1."""
+    """Scale the design water flow of lane j to ``dp_ratio``; a pressure-independent one absorbs ratios above 1."""
     takes_rest = (S[R.pressure_independent + j] > 0.0) & (dp_ratio > 1.0)
     root = 1.0 if takes_rest else np.sqrt(dp_ratio)
     S[R.m_w + j] *= root

@@ -64,7 +64,7 @@ class StepRule:
 
 @dataclass(frozen=True)
 class Estimator(StepRule):
-    """A rule that estimates the backlash; step: (Sample, Parameters, Memory) → (estimate, Memory), but at the start."""
+    """A rule that estimates the backlash; step: (Sample, Parameters, Memory) → (estimate, Memory), not at the start."""
 
     start: Any = None  # Parameters → Memory at the start; by default the defaults of Memory
     # rows of a block by name → seconds at whose multiples the rule decides whether to act, if not the samples

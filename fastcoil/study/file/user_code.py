@@ -71,7 +71,7 @@ def find_function(what: str, text: str, folder: Path) -> UserCode:
 
 
 def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, UserCode], dict[str, Rule]]:
-    """Find the rules ``module:function`` of a file; return it with their names in place, their sources, and them."""
+    """Find the rules ``module:function`` of a file; return it with plain names, their sources, and the rules."""
     problems: list[str] = []
     source_by_word: dict[tuple[str, str], UserCode] = {}
 

@@ -1,4 +1,4 @@
-"""A run of a study: its shards, and how they become one result, in nameless files beyond the memory's size."""
+"""A run of a study: its shards, and how they become one result, which may be larger than the memory."""
 
 from __future__ import annotations
 
