@@ -55,10 +55,8 @@ def explain(
         A single day of at most a week.
     at
         A second of it: the hunting index is that of the conditions there alone.  By default the whole day counts.
-    warm_up
-        Seconds at the start that do not count.
-    seed
-        Seed of the measurement noise, 0 … 2**64 - 1.
+    warm_up, seed
+        As in ``simulate``.
 
     Returns
     -------

@@ -1,8 +1,7 @@
 """Whose swing it is: the loop's own, regular or not, or that of air, water and set-point.
 
-A loop makes a swing itself where most of its twins swing too: the same loop with the same noise and the same running
-estimator, with air, water and set-point constant as at an hour and set-point of the day.  Texts on hunting quote
-``SwingVerdict``.
+A loop makes a swing itself where most of its twins swing too: the same loop, noise and running estimator, with air,
+water and set-point constant as at an hour and set-point of the day.
 """
 
 import math
@@ -28,20 +27,15 @@ LEAST_REGULARITY = 2.0 / 3.0  # share of periods as long as the one before, in a
 
 
 class SwingVerdict(NamedTuple):
-    """Swing of a loop, and whose it is.
-
-    rings: whether a swing that the loop does not sustain is larger than what air, water and set-point would make of it.
-    swing, swing_alone: median peak to peak of T_sup, K, on the day and with air, water and set-point constant, NaN if
-    unknown.  period: s.  movers: what moves on the day, such as "the air flow".
-    """
+    """Swing of a loop, and whose it is."""
 
     is_own: bool
     is_regular: bool
-    swing: float
-    period: float
-    swing_alone: float = math.nan
-    movers: tuple[str, ...] = ()
-    rings: bool = False
+    swing: float  # median peak to peak of T_sup, K
+    period: float  # s
+    swing_alone: float = math.nan  # the same with air, water and set-point constant, NaN if unknown
+    movers: tuple[str, ...] = ()  # what moves on the day, such as "the air flow"
+    rings: bool = False  # whether a swing that the loop does not sustain is larger than air, water, set-point explain
 
     @property
     def size(self) -> str:
@@ -103,10 +97,8 @@ def still_boundary(boundary: Boundary, warm_up: int) -> Boundary:
 def judge_by_twins(results: xr.Dataset, loop: Loop, boundary: Boundary, *, warm_up: int, **options: Any) -> xr.Dataset:
     """Replace ``hunts`` by whether a loop makes its swing itself; add ``swing_alone``, of its twins, and ``rings``.
 
-    Twins may not learn their gap, since nothing moves there: a loop that did swings less.  A loop rings where the
-    metric ``hunts`` of the day is 1 and its twins come to rest.
-
-    options: of ``simulate``, with which the results were computed.
+    Twins may not learn their gap, since nothing moves there.  A loop rings where it hunts on the day and its twins
+    rest.
     """
     alone = []
     for k, label in enumerate(boundary.day if boundary.has_day_dim else [None]):

@@ -27,11 +27,7 @@ AIR_HANDLER_SPEC = ColumnSpec(
 
 @dataclass(frozen=True)
 class AirHandlerPoints:
-    """The points of an air handler in a log.
-
-    headers: of each point, by our names.  units: of each column whose header has none, proposed from its numbers.
-    notes: on proposed units.
-    """
+    """Points of an air handler in a log: headers by our names, units proposed for columns without, notes on them."""
 
     headers: dict[str, str]
     units: dict[str, str]

@@ -1,7 +1,4 @@
-"""The cells of the columns as checked numbers in our units, and what becomes of the bad ones.
-
-They are refused; or else measured ones are left out, single missing inputs bridged, and other rows cut, all counted.
-"""
+"""The cells of the columns as checked numbers in our units; bad ones are refused, left out, bridged or cut."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -96,10 +93,9 @@ def read_columns(
 
 
 def _hold_between_changes(table: Table, series: Series, cells: ParsedCells, notes: list[str]) -> None:
-    """Fill the cells of a column that has values at changes only, and blanks between: each holds until the next.
+    """Fill the blank cells of a column that has values at changes only: each value holds until the next.
 
-    Most cells are blank, and a value differs from the one before it (of a switch mostly: some systems repeat it at
-    midnight).  Before its first change a switch was the other way.
+    Before its first change a switch was the other way.
     """
     rows = np.flatnonzero(np.isfinite(cells.values) & ~cells.has_bad_status)
     is_changed = np.diff(cells.values[rows]) != 0.0

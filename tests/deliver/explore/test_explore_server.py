@@ -154,7 +154,6 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     assert browsers.element_text(page, "headline").startswith("This loop does not hunt.  T_sup swings ± ")
     assert browsers.element_text(page, "advice").startswith("If the error matters: SIMC: kp ")
     assert browsers.element_text(page, "why").startswith("Why: hunting index 0.28; ")
-    assert "?loop=paper_like&ti=40" in page.current_url
     assert browsers.figure_column(page, "traces", "T_sup") != traces
     assert browsers.figure_column(page, "here", "x") != ring
     assert browsers.figure_column(page, "cells", "value") == cells
