@@ -47,7 +47,7 @@ def _public_methods(name, cls):
 
 def parameters(call):
     """The names of its arguments."""
-    return [n for n in inspect.signature(call).parameters if n not in ("self", "options", "changes")]
+    return [n for n in inspect.signature(call).parameters if n not in ("self", "options")]
 
 
 @pytest.fixture(scope="module")
