@@ -66,9 +66,7 @@ class SwingVerdict(NamedTuple):
         cause = f"T_sup swings {self.size} because {names} {verb}"
         if self.swing_alone > self.swing:  # of a loop that learns its gap from what moves
             return f"{cause}."
-        rest = (
-            f"would swing {format_swing(self.swing_alone)}" if self.swing_alone > HUNTING_SWING_K else "would not"
-        )
+        rest = f"would swing {format_swing(self.swing_alone)}" if self.swing_alone > HUNTING_SWING_K else "would not"
         return f"{cause}; with {constant} constant it {rest}."
 
 
