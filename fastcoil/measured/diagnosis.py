@@ -19,7 +19,7 @@ from fastcoil.design.swing_verdict import SwingVerdict
 from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
 from fastcoil.measured.identify import CANDIDATES, GOOD_BACKLASH, Identification
 from fastcoil.measured.swings import TI_PER_PERIOD, describe_period, judge_gains
-from fastcoil.measured.triage import LEAST_SWING_K, STATE_SWINGING, STATES, write_headline
+from fastcoil.measured.triage import LEAST_HOURLY_SWING_K, STATES, write_headline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -126,7 +126,7 @@ class Diagnosis(Result):
     def verdict(self) -> SwingVerdict:
         """Swing of the temperature, and whose it is; noise and load make irregular ones of up to 1 K."""
         swing = float(self.indices["peak_to_peak" if self.hunts else "block_swing"])
-        is_swinging = self.hunts or swing >= LEAST_SWING_K
+        is_swinging = self.hunts or swing >= LEAST_HOURLY_SWING_K
         is_blamed = self.hunts and self.cause in (CAUSE_BACKLASH, CAUSE_TUNING)
         is_own = is_swinging and self.cause != CAUSE_DISTURBANCE and (is_blamed or self.is_own != 0.0)
         period = float(self.indices["period"]) if self.hunts else math.nan
@@ -360,7 +360,7 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
         makes = "It makes the swing itself: air and water move too little"
         unknown = "The log does not show whose swing it is: log m_a, T_a_in and T_w_in as well"
         return f"{answer}.  {makes if diagnosis.is_own > 0.0 else unknown}."
-    hourly_swings = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == STATE_SWINGING]
+    hourly_swings = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == "swinging"]
     if hourly_swings.size and np.median(hourly_swings) > 1.3 * verdict.swing:
         answer += " on average over the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
@@ -370,7 +370,7 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
 
 def _describe_hunting_at_times(diagnosis: Diagnosis) -> str:
     """Describe a swing that the valve makes on a part of the log only; blank without one."""
-    hours = diagnosis.triage.isel(hour=diagnosis.triage["state"].values == STATE_SWINGING)
+    hours = diagnosis.triage.isel(hour=diagnosis.triage["state"].values == "swinging")
     times = diagnosis.triage.attrs["swing_times"]
     if not times or not hours["hour"].size or diagnosis.is_own == 0.0 or diagnosis.cause == CAUSE_DISTURBANCE:
         return ""

@@ -5,8 +5,8 @@ screened as lanes; covariance by SVD, widened for the autocorrelation of the res
 Levenberg-Marquardt, which knows no bounds, and these problems have some that matter: a backlash of 0, the least C_w
 that is stable, an exponent that the data do not identify.  Where no bound is met both end in the same minimum.
 
-A block bootstrap, one Gauss-Newton step for each draw, says how much an estimate would change with other batches: what
-a meter gets wrong for hours or for a whole batch does not average out within it.
+What a meter gets wrong for hours or for a whole batch does not average out within it: the scatter of the gradient from
+block to block says how much an estimate would change with other batches.
 """
 
 from collections.abc import Callable, Sequence
@@ -245,30 +245,31 @@ def profile_parameter(model: Model, best: Estimate, k: int, grid: Array, fixed: 
     return [estimates[i] for i in range(grid.size)]
 
 
-_FEWEST_BLOCKS = 8  # of a bootstrap; a log of fewer segments is cut
+_FEWEST_BLOCKS = 8  # that the errors of a meter are taken from; a log of fewer segments is cut
 
 
-def widen_by_bootstrap(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int]) -> Uncertainty:
-    """Widen an uncertainty to that of a bootstrap over blocks, if that is larger."""
-    block = bootstrap_blocks(model.segment, model.used, spread.n_effective)
+def widen_by_blocks(model: Model, best: Estimate, spread: Uncertainty) -> Uncertainty:
+    """Widen an uncertainty to what the blocks of a log show, if that is larger: the sandwich estimator by block."""
+    block = number_blocks(model.segment, model.used, spread.n_effective)
     n_blocks = int(block.max()) + 1
-    free = np.setdiff1d(np.flatnonzero(np.isfinite(np.diag(spread.covariance))), fixed)
-    free_common = free[free < model.n_common]
-    if n_blocks < 2 or not free_common.size:
+    free = np.flatnonzero(np.isfinite(np.diag(spread.covariance)))
+    if n_blocks < 2 or not free.size:
         return spread
-    steps = _bootstrap_steps(best, block, n_blocks, free)[:, : free_common.size]
-    low, high = np.quantile(steps, [0.1587, 0.8413], axis=0)
-    deviation = 0.5 * (high - low) * np.sqrt(n_blocks / (n_blocks - 1))
-    ratio = deviation / np.sqrt(np.diag(spread.covariance)[free_common])
-    ratio *= spread.quantile(n_blocks - 1) / spread.quantile()
+    J = best.J[:, free]
+    gradient = np.zeros((n_blocks, free.size))
+    np.add.at(gradient, block, J * best.r[:, None])
+    scatter = gradient @ np.linalg.pinv(J.T @ J, hermitian=True)  # of the estimate, by block
+    deviation = np.sqrt(np.sum(scatter**2, axis=0) * n_blocks / (n_blocks - 1))
+    deviation *= spread.quantile(n_blocks - 1) / spread.quantile()
     factor = np.ones(best.x.size)
-    factor[free_common] = np.maximum(ratio, 1.0)
+    factor[free] = np.maximum(deviation / np.sqrt(np.diag(spread.covariance)[free]), 1.0)
+    factor[model.n_common :] = 1.0
     covariance = spread.covariance * np.outer(factor, factor)
     return replace(spread, covariance=covariance, inflation=spread.inflation * factor**2)
 
 
-def bootstrap_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
-    """Number the blocks that a bootstrap draws, (n,) for each sample: the segments, cut if they are too few."""
+def number_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
+    """Return the number of the block of each sample, (n,): the segments, cut if they are too few."""
     pieces = np.unique(segment[used])
     if pieces.size >= _FEWEST_BLOCKS:
         return np.asarray(np.clip(np.searchsorted(pieces, segment), 0, pieces.size - 1))
@@ -280,16 +281,3 @@ def bootstrap_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
         block[samples] = n_blocks + np.arange(samples.size) * n_cuts // samples.size
         n_blocks += n_cuts
     return np.unique(block, return_inverse=True)[1]
-
-
-def _bootstrap_steps(best: Estimate, block: Index, n_blocks: int, free: Index) -> Array:
-    """Estimate by how much the free parameters differ in each draw of the bootstrap, (draws, free)."""
-    J, r = best.J[:, free], best.r
-    scale = np.linalg.norm(J, axis=0)
-    order = np.argsort(block, kind="stable")
-    J, r, ends = (J / scale)[order], r[order], np.flatnonzero(np.diff(block[order])) + 1
-    gradient = np.add.reduceat(J * r[:, None], np.concatenate([[0], ends]), axis=0)
-    curvature = np.stack([part.T @ part for part in np.split(J, ends)])
-    draws = np.random.default_rng(0).multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=400).astype(float)
-    H = np.einsum("db,bij->dij", draws, curvature) + 1e-10 * np.eye(free.size)
-    return np.asarray(-np.linalg.solve(H, (draws @ gradient)[..., None])[..., 0] / scale)

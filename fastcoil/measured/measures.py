@@ -28,8 +28,13 @@ class Swing(NamedTuple):
     @property
     def is_regular(self) -> bool:
         """Whether the swing repeats regularly and is large enough to be called hunting."""
-        repeats = self.regularity > LEAST_REGULARITY and self.periodic_share > 0.5 and self.periods >= 8
+        repeats = self.regularity > LEAST_REGULARITY and self.is_periodic and self.periods >= 8
         return repeats and self.peak_to_peak > 0.1  # K
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether most of the variance comes back after a period."""
+        return self.periodic_share > 0.5
 
 
 NO_SWING = Swing(np.nan, 0.0, 0.0, np.nan, 0.0)

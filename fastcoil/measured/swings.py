@@ -14,9 +14,8 @@ _LEVEL_S = 3600.0  # over which the level is averaged, twice: swings of up to 75
 LONGEST_HALF_CYCLE_S = 2700.0  # a drift takes longer
 _LEAST_HALF_CYCLES = 6  # in a row, of a swing that goes on
 _SLOW_PERIOD_S = 1800.0  # from which loads make three cycles as well: one more is needed
-_FEWEST_SAMPLES = 4  # of a period that the log resolves
+FEWEST_SAMPLES = 4  # of a period that the log resolves
 _LEAST_COMMAND_SWING = 0.03  # peak to peak, fraction of stroke, of a valve that makes the air swing
-_LEAST_SET_POINT_SHARE = 0.5  # of the swing of the temperature, from which the set-point makes it
 _INTEGRAL_RATIO = 5.5  # of integral to proportional action at the period, from which Ti is too short for any valve
 _GAP_RATIO = 1.4  # of the same, from which Ti is too short for a valve that may have a gap
 _PROPORTIONAL_RATIO = 0.7  # of the same, up to which the gain is too high
@@ -34,9 +33,13 @@ class SwingWindow(NamedTuple):
 
 
 def find_swings(
-    T: Array, good: Mask, interval: float, least: float = LEAST_SWING_K, longest_half: float = LONGEST_HALF_CYCLE_S
-) -> list[SwingWindow]:
-    """Find where a temperature, (n,), swings by ``least`` K or more, three cycles or more; times in s."""
+    T: Array, good: Mask, interval: float, least: float = LEAST_SWING_K, longest_half: float = LONGEST_HALF_CYCLE_S,
+    fewest_samples: float = FEWEST_SAMPLES,
+) -> list[SwingWindow]:  # fmt: skip
+    """Find where a temperature, (n,), swings by ``least`` K or more, three cycles or more; times in s.
+
+    fewest_samples: of a period; a swing that is sampled more rarely keeps its size and looks slower than it is.
+    """
     turns, x = find_turns(T, good, interval, 0.5 * least)
     if turns.size < _LEAST_HALF_CYCLES + 1:
         return []
@@ -47,9 +50,11 @@ def find_swings(
     windows = []
     for first, last in true_runs(is_swing).tolist():
         height, halves = float(np.median(heights[first:last])), widths[first:last]
-        period = float(np.median(halves[1:] + halves[:-1])) if halves.size > 1 else np.nan
-        least_half_cycles = _LEAST_HALF_CYCLES + 2 * (period > _SLOW_PERIOD_S)
-        if last - first >= least_half_cycles and height >= least and period >= _FEWEST_SAMPLES * interval:
+        if halves.size < _LEAST_HALF_CYCLES or height < least:
+            continue
+        periods = halves[1:] + halves[:-1]
+        period = float(np.median(periods))
+        if halves.size >= _LEAST_HALF_CYCLES + 2 * (period > _SLOW_PERIOD_S) and period >= fewest_samples * interval:
             windows.append(SwingWindow(int(turns[first]), int(turns[last]) + 1, height, period))
     return windows
 
@@ -138,21 +143,3 @@ def judge_gains(kp: float, ti: float, period: float) -> GainFault:
 def describe_period(period: float) -> str:
     """Format a period, s, in s or min."""
     return f"{period:.0f} s" if period < 120.0 else f"{period / 60.0:.0f} min"
-
-
-def find_own_swings(
-    T: Array, T_set: Array | None, command: Array, good: Mask, interval: float
-) -> list[tuple[SwingWindow, float]]:
-    """Find swings of a temperature that its valve makes, and the swing of the command in each."""
-    swings = []
-    for window in find_swings(T, good, interval):
-        widest = swing_within(command, good, interval, window)
-        T_set_swing = 0.0 if T_set is None else swing_within(T_set, good, interval, window)
-        if moves_with(command, window, widest, interval) and not follows_set_point(T_set_swing, window):
-            swings.append((window, widest))
-    return swings
-
-
-def follows_set_point(T_set_swing: float, window: SwingWindow) -> bool:
-    """Whether the set-point itself swings so much that the temperature only follows it."""
-    return T_set_swing >= _LEAST_SET_POINT_SHARE * window.peak_to_peak

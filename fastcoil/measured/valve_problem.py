@@ -164,7 +164,7 @@ class ValveProblem:
         best = minimise(model, self._starts(m_max), fixed)
         for n_restarts in range(3):
             spread = uncertainty(model, best, fixed, profiled=[X_BL])
-            spread = least_squares.widen_by_bootstrap(model, best, spread, fixed)
+            spread = least_squares.widen_by_blocks(model, best, spread)
             grid = _profile_grid(best, spread)
             minima = least_squares.profile_parameter(model, best, X_BL, grid, fixed)
             sums = np.array([minimum.rss for minimum in minima])

@@ -17,7 +17,7 @@ from joblib import Parallel, delayed
 import fastcoil as fc
 from fastcoil.design.swing_verdict import LEAST_REGULARITY
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
-from fastcoil.measured.triage import LEAST_SWING_K
+from fastcoil.measured.triage import LEAST_HOURLY_SWING_K
 from studies.common import HEATING_GAIN, compare_rows, draw_loguniform, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, loop_settings, make_days
 from studies.diagnosis.diagnosis import share_or_none
@@ -78,7 +78,7 @@ def swinging_days(day: fc.Boundary, seed: int, n: int) -> list[fc.Boundary]:
 
 def swings_in_logs(ds: xr.Dataset) -> np.ndarray:
     """Swing of each loop, K peak to peak, 0 of those that ``fc.diagnose`` takes for calm or noisy."""
-    is_regular = (ds.swing_regularity >= LEAST_REGULARITY) | (ds.hunting_swing >= LEAST_SWING_K)
+    is_regular = (ds.swing_regularity >= LEAST_REGULARITY) | (ds.hunting_swing >= LEAST_HOURLY_SWING_K)
     return np.asarray(ds.hunting_swing.where((ds.hunts > 0.0) & is_regular, 0.0))
 
 

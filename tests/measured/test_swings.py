@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from fastcoil.measured.air_handler.hunting import blame_swing
+from fastcoil.measured.air_handler.series import AirHandlerSeries
 from fastcoil.measured.clock import describe_times
-from fastcoil.measured.swings import find_own_swings, find_swings, judge_gains
+from fastcoil.measured.grid import Grid
+from fastcoil.measured.swings import find_swings, judge_gains
 
 INTERVAL = 60.0
 TIME = np.arange(0.0, 10 * 3600.0, INTERVAL)
@@ -48,14 +51,26 @@ def test_a_pause_of_the_log_ends_a_swing():
     assert len(find_swings(15.0 + sine(1.5, 900.0), good, INTERVAL)) == 2
 
 
+def blame(T, command, T_set=np.nan):
+    series = {"T_sup": T, "cooling_command": command, "T_set": np.broadcast_to(T_set, T.shape)}
+    unit = AirHandlerSeries("", Grid(INTERVAL, TIME, series, GOOD, 0.0), None)
+    return [blame_swing(unit, window) for window in find_swings(T, GOOD, INTERVAL)]
+
+
 def test_a_swing_is_the_valves_only_where_its_command_moves_with_it():
     T, late = 15.0 + sine(1.5, 900.0), 200.0
     follows = 0.4 + 0.1 * sine(1.0, 900.0)
-    assert len(find_own_swings(T, None, follows, GOOD, INTERVAL)) == 1
+    assert blame(T, follows) == ["cooling"]
     for command in (np.full(TIME.size, 0.4), 0.4 + 0.1 * sine(1.0, 120.0), 0.4 + TIME / 1e5):
-        assert find_own_swings(T, None, command, GOOD, INTERVAL) == []
-    T_set = 15.0 + 1.4 * np.sin(2.0 * np.pi * (TIME - late) / 900.0)
-    assert find_own_swings(T, T_set, follows, GOOD, INTERVAL) == []
+        assert blame(T, command) == ["water"]
+    assert blame(T, follows, 15.0 + 1.4 * np.sin(2.0 * np.pi * (TIME - late) / 900.0)) == [""]
+
+
+def test_a_swing_that_is_sampled_too_rarely_is_found_on_demand():
+    T, good = (15.0 + sine(1.5, 1000.0))[::11], GOOD[::11]
+    assert find_swings(T, good, 660.0) == []
+    [window] = find_swings(T, good, 660.0, fewest_samples=0.0)
+    assert window.peak_to_peak == pytest.approx(3.0, rel=0.2)
 
 
 def test_the_integral_is_blamed_where_it_prevails_at_the_period():

@@ -52,11 +52,13 @@ FAULTS = {
     "stuck shut": ({"command": 1.0, "T_sup": 19.2, "T_a_in": 19.5}, "not responding"),
     "shut": ({"command": 0.0, "T_sup": 8.0}, "shut"),
     "leak": ({"command": 0.0, "T_sup": 8.0, "T_a_in": 16.0}, "not responding"),
+    "leak, air changes": ({"command": 0.0, "T_sup": lambda h: 8 + 2 * np.sin(h), "T_a_in": lambda h: 16 + 2 * np.sin(h)},
+                          "not responding"),
     "tight, fan heat": ({"command": 0.0, "T_sup": 8.0, "T_a_in": 7.0}, "shut"),
     "stuck half open": ({"command": lambda h: 0.3 + 0.3 * (h % 2.0), "T_sup": 16.5, "T_a_in": 25.0}, "not responding"),
     "by hand": ({"T_sup": 17.0}, "off set-point"),
     "heating, no water": ({"command": 1.0, "T_sup": 9.0, "T_a_in": 8.6}, "not responding"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("interval", INTERVALS)
@@ -135,6 +137,15 @@ def test_without_a_set_point_swings_and_ends_still_show():
     assert np.isnan(diagnosis.triage.error).all()
     calm = fc.diagnose(make_log().drop_vars("T_set"))
     assert "no fault found; without T_set the control error is unknown" in calm.headline
+
+
+def test_a_clock_that_is_set_back_to_before_the_first_sample_gives_hours_before_it():
+    log = make_log(hours=4.0)
+    seconds = log.elapsed_time + np.where(log.elapsed_time < 2 * 3600.0, 10 * 3600.0, 0.0)
+    log = log.assign_coords(elapsed_time=("elapsed_time", seconds.values, {"units": "s"}))
+    diagnosis = fc.diagnose(fc.read_log(log, jumps="split"))
+    assert diagnosis.triage.hour.values.tolist() == [-8, -7, 0, 1]
+    assert hour_states(diagnosis) == ["holding"] * 4
 
 
 def test_the_table_has_units_and_the_hours_of_every_log():

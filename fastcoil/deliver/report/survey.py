@@ -3,7 +3,8 @@
 import concurrent.futures as cf
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,8 @@ from fastcoil.base import files
 from fastcoil.base.arguments import argument_checks, collect_problems, require_flag, require_path
 from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.base.progress import Advance, display_for_call
-from fastcoil.base.text import MISSING_VALUE, escape_control_characters, escape_formulas
+from fastcoil.base.text import MISSING_VALUE, escape_formulas
 from fastcoil.deliver.report.page import Page, Section, Table, format_significant, require_page
-from fastcoil.deliver.report.units import UNITS_MARK, require_no_valve_options, survey_units
 from fastcoil.logs.air_handler import count_valves
 from fastcoil.logs.log import Log, check_read_options, read_log
 from fastcoil.loops.provenance import content_sha256
@@ -26,6 +26,10 @@ from fastcoil.measured.cause import CAUSE_UNKNOWN
 from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.identify import GOOD_BACKLASH
+
+from fastcoil.deliver.report.units import (  # isort: skip
+    UNITS_MARK, find_in_unit, findings_dataset, require_no_valve_options, rows_to_dataset, units_page, unread_section,
+)  # fmt: skip
 
 _NUMBER_COLUMNS = {
     "degree_hours": ("K h d-1", "control error that the valve could act on, integrated over a day of operation"),
@@ -107,20 +111,21 @@ def survey(
         progress = check.unless_none(require_flag, "progress", progress)
         targets = check.unless_none(_target_files, "out", out) or []
         logs_by_valve = check(_logs_by_valve, logs)
-    if any(_has_more_valves(log, read or {}) for log in list(logs_by_valve.values())[:_MAX_LOOKED_AT]):
+    are_units = any(_has_more_valves(log, read or {}) for log in list(logs_by_valve.values())[:_MAX_LOOKED_AT])
+    if are_units:
         require_no_valve_options(options)
-        return survey_units(logs_by_valve, targets, n_jobs=n_jobs, read=read or {}, answers=answers, progress=progress)
-    if answers is not None:
+    elif answers is not None:
         raise InputError("answers: they are for logs of air handlers: leave them out", "answers", "conflict")
+    judge = partial(find_in_unit, answers=answers) if are_units else partial(_diagnose_valve, **options)
     with display_for_call(progress) as display:
         advance = display.start(len(logs_by_valve), items="logs")
-        rows = list(_diagnose_logs(logs_by_valve, read or {}, options, n_jobs, advance))
-    ds = _rows_to_dataset(sorted(rows, key=_ranking_key))
+        results = dict(_judge_logs(judge, logs_by_valve, read or {}, n_jobs, advance))
+    ds = findings_dataset(results) if are_units else _valves_dataset(results, logs_by_valve)
     for target in targets:
         with files.convert_os_errors(target.parent, "written"):
             files.make_folder(target.parent, parents=True)
-        content = _csv_text(ds) if target.suffix.lower() == ".csv" else _survey_page(ds).html()
-        files.write_atomically(target, content.encode())
+        is_table, make_page = target.suffix.lower() == ".csv", units_page if are_units else _valves_page
+        files.write_atomically(target, (_csv_text(ds) if is_table else make_page(ds).html()).encode())
     return ds
 
 
@@ -168,34 +173,37 @@ def _logs_by_valve(logs: Any) -> dict[str, Any]:
     return dict(zip(names, paths, strict=True))
 
 
-def _diagnose_logs(
-    logs: Mapping[str, Any], read: Mapping[str, Any], options: Mapping[str, Any], n_jobs: int, advance: Advance
-) -> Iterator[dict[str, Any]]:
-    """Diagnose logs and yield a row for each; in processes, since threads share the interpreter's lock."""
-    tasks = (joblib.delayed(diagnosis_row)(valve, log, read, options) for valve, log in logs.items())
-    n_processes = max(1, min(n_jobs, len(logs) // 4))  # fewer logs do not pay for the start of a process
+def _judge_logs(
+    judge: Callable[[Any], Any], logs: Mapping[str, Any], read: Mapping[str, Any], n_jobs: int, advance: Advance
+) -> Iterator[tuple[str, Any]]:
+    """Judge logs and yield each name with the result; in processes, since threads share the interpreter's lock."""
+    tasks = (joblib.delayed(_judge_log)(judge, log, read) for log in logs.values())
+    n_processes = max(1, min(n_jobs, len(logs) // 3))  # fewer logs do not pay for the start of a process
     try:
-        for row in joblib.Parallel(n_processes, return_as="generator")(tasks):
-            yield row
+        for name, result in zip(logs, joblib.Parallel(n_processes, return_as="generator")(tasks), strict=True):
+            yield name, result
             advance(1)
     except cf.BrokenExecutor:
         raise StorageError("a process was killed, probably for want of memory: use fewer (n_jobs, --jobs)") from None
 
 
-def diagnosis_row(valve: str, log: Any, read: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the diagnosis of a log as numbers and texts by name; if it fails, its ``problem`` and no numbers."""
-    row = {"valve": valve, **_EMPTY_ROW, "log": str(log) if isinstance(log, Path) else ""}
+def _judge_log(judge: Callable[[Any], Any], log: Any, read: Mapping[str, Any]) -> Any:
+    """Return what is found in a log, or why it cannot be read, a text."""
     try:
-        d = diagnose(log if isinstance(log, Log) or not read else read_log(log, **read), **options)
+        return judge(log if isinstance(log, Log) or not read else read_log(log, **read))
     except Exception as error:  # one log must not end the survey of all others
         bug_text = "" if isinstance(error, FastcoilError) else f"please report this error: {type(error).__name__}: "
-        return row | {"problem": bug_text + "; ".join(str(error).split("\n"))}
-    return row | {str(name): float(value) for name, value in d.indices.items()} | {
-        "degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"],
-        "backlash": d.backlash, "low": d.interval[0], "high": d.interval[1], "identified": d.identified,
-        "hunts": d.hunts, "cause": d.cause, "because": d.because, "advice": d.advice.reason, "reason": d.reason,
-        "warnings": "; ".join(d.warnings), "notes": "; ".join(d.notes),
-    }  # fmt: skip
+        return bug_text + "; ".join(str(error).split("\n"))
+
+
+def _diagnose_valve(log: Any, **options: Any) -> dict[str, Any]:
+    """Return the diagnosis of a log as numbers and texts by name."""
+    d = diagnose(log, **options)
+    row = {name: getattr(d, name) for name in ("backlash", "identified", "hunts", "cause", "because", "reason")}
+    row |= {name: "; ".join(getattr(d, name)) for name in ("warnings", "notes")}
+    row |= {"degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"], "advice": d.advice.reason}
+    indices = {str(name): float(value) for name, value in d.indices.items()}
+    return indices | row | dict(zip(("low", "high"), d.interval, strict=True))
 
 
 def degree_hours(d: Diagnosis) -> float:
@@ -219,27 +227,32 @@ def _ranking_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
     return row["problem"] != "", np.isnan(cost), -np.nan_to_num(cost), -np.nan_to_num(travel), row["valve"]
 
 
-def _rows_to_dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
-    for row in rows:  # names of files may hold any byte
-        row |= {name: escape_control_characters(row[name]) for name in ("valve", *_TEXT_COLUMNS)}
-    ds = xr.Dataset(coords={"valve": np.array([row["valve"] for row in rows], dtype=object)})
-    for name in _EMPTY_ROW:
-        attrs = dict(zip(("units", "long_name"), _NUMBER_COLUMNS.get(name, ()), strict=False))
-        values = np.array([row[name] for row in rows], dtype=object if name in _TEXT_COLUMNS else None)
-        ds[name] = ("valve", values, attrs)
-    return ds.assign_attrs(title="fastcoil survey")
+def _valves_dataset(results: Mapping[str, Any], logs: Mapping[str, Any]) -> xr.Dataset:
+    """Return the ranked rows of valves; of a log that could not be read its problem and no numbers."""
+    rows = [
+        {"valve": valve, **_EMPTY_ROW, "log": str(logs[valve]) if isinstance(logs[valve], Path) else ""}
+        | ({"problem": result} if isinstance(result, str) else result)
+        for valve, result in results.items()
+    ]
+    ds = rows_to_dataset(sorted(rows, key=_ranking_key), "valve", ("valve", *_EMPTY_ROW))
+    for name, (unit, meaning) in _NUMBER_COLUMNS.items():
+        ds[name].attrs = {"units": unit, "long_name": meaning}
+    return ds.set_coords("valve").assign_attrs(title="fastcoil survey")
 
 
 def _csv_text(ds: xr.Dataset) -> str:
-    frame = ds.to_dataframe().reset_index()
-    for name in ("valve", *_TEXT_COLUMNS):
-        frame[name] = frame[name].map(escape_formulas)
-    units = {name: values.attrs.get("units", "1") for name, values in ds.data_vars.items()}
-    header = [name if units.get(name, "1") == "1" else f"{name} [{units[name]}]" for name in frame]
+    """Return the rows of a survey as a table with units in its header."""
+    ds = ds.drop_dims("unread", errors="ignore")
+    frame = ds.to_dataframe().reset_index(drop=not ds.indexes)
+    for name in frame:
+        if ds[name].dtype == object:
+            frame[name] = frame[name].map(escape_formulas)
+    units = {name: ds[name].attrs.get("units", "1") for name in frame}
+    header = [name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()]
     return str(frame.to_csv(index=False, header=header, lineterminator="\n"))
 
 
-AT_FAULT = "with hunting or a gap"
+AT_FAULT, _OTHER_FAULT = "with hunting or a gap", "with another fault"
 RANKING_HEADER = ("valve", "K·h a day", "strokes a day", "gap", "swing", "cause")
 
 
@@ -257,13 +270,11 @@ def ranked_rows(ds: xr.Dataset) -> list[list[str]]:
 
 def state_counts(ds: xr.Dataset) -> dict[str, int]:
     """Count the valves by state; each is in one."""
-    is_unread, needs_work = ds["problem"] != "", ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD_BACKLASH))
-    has_other_fault = ~needs_work & (ds["warnings"] != "")
-    is_quiet = ~(is_unread | needs_work | has_other_fault)
-    is_undecided = is_quiet & (ds["cause"] == CAUSE_UNKNOWN)
-    masks = {AT_FAULT: needs_work, "with another fault": has_other_fault, "without": is_quiet & ~is_undecided,
-             "undecided": is_undecided, "not read": is_unread}  # fmt: skip
-    return {state: int(mask.sum()) for state, mask in masks.items()}
+    is_at_fault = ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD_BACKLASH))
+    masks = {"not read": ds["problem"] != "", AT_FAULT: is_at_fault, _OTHER_FAULT: ds["warnings"] != "",
+             "undecided": ds["cause"] == CAUSE_UNKNOWN}  # fmt: skip
+    states = np.select([*masks.values()], [*masks], "without").tolist()
+    return {state: states.count(state) for state in (AT_FAULT, _OTHER_FAULT, "without", "undecided", "not read")}
 
 
 def describe_counts(ds: xr.Dataset) -> str:
@@ -271,20 +282,19 @@ def describe_counts(ds: xr.Dataset) -> str:
     return f"{ds.sizes['valve']:,} valves: " + ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
 
 
-def _survey_page(ds: xr.Dataset) -> Page:
+def _valves_page(ds: xr.Dataset) -> Page:
     is_read = ds["problem"].values == ""
     texts = (ds[name].values[is_read] for name in ("warnings", "advice", "reason"))
     rows = [[*row, ". ".join(filter(None, text[:2])) or text[2] or MISSING_VALUE] for row, *text in
             zip(ranked_rows(ds), *texts, strict=True)]  # fmt: skip
-    problems = list(zip(*(ds[name].values[~is_read] for name in ("valve", "problem")), strict=True))
     note = (
         "K·h: size of the difference between supply temperature and set-point, integrated over 24 h of operation, 0 "
         "while the valve is shut and rightly so; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the "
         "stroke, with its 95 % interval.  Swing: of the supply temperature, with its period."
     )
     ranking_tables = [Table("", [*RANKING_HEADER, "faults, and what to do"], rows, note)] if rows else []
-    unread = [Table("", ["valve", "reason"], problems)] if problems else []
-    sections = [Section("Ranked by control error", ranking_tables), Section("Logs that could not be read", unread)]
+    unread = unread_section("valve", ds["valve"].values[~is_read], ds["problem"].values[~is_read])
+    sections = [Section("Ranked by control error", ranking_tables), unread]
     question = "Which valves cost most if they are left as they are, and what helps?"
     title = f"Survey of {ds.sizes['valve']:,} valves"
     return Page("Survey", title, question, [], [describe_counts(ds)], sections, content_sha256(ds))

@@ -9,19 +9,21 @@ import numpy as np
 from fastcoil.base.arrays import Mask
 from fastcoil.measured.air_handler.finding import Finding, make_finding
 from fastcoil.measured.air_handler.mismatch import find_mismatch
-from fastcoil.measured.air_handler.series import EFFECT_AFTER_LOW_FLOW_S, SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries
 from fastcoil.measured.grid import forward_fill
 from fastcoil.measured.part import true_runs
 
+from fastcoil.measured.air_handler.series import (  # isort: skip
+    EFFECT_AFTER_LOW_FLOW_S, MET_ERROR_K, SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries,
+)  # fmt: skip
+
 _VALVE_KINDS = ("leak", "stuck_open", "stuck_shut")
 _LEAST_HOURS = 1.0  # of a day, of a fault that counts on it
-_LEAST_EFFECT_K = 3.0  # of a coil whose valve is shut: sensors of mixed air are off by up to 2.3 K
+LEAST_EFFECT_K = 3.0  # of a coil whose valve is shut: sensors of mixed air are off by up to 2.3 K
 _LEAST_EFFECT_LOW_FLOW_K = 6.0  # the same at a low air flow, at which ducts warm and cool the air
 _LEAST_EFFECT_BETWEEN_K = 4.0  # the same beyond outdoor and return air, where the entering air is not logged
 _LEAST_EFFECT_OVER_OFFSET_K = 2.0  # the same beyond the offset that the log shows
 _NO_EFFECT_K = 1.5  # of a coil wide open, up to which it does nothing: fan heat, sensors
 _STUCK_OPEN_SHARE = 0.7  # of the effect when open, from which a valve that is commanded shut is stuck open
-_UNMET_K = 1.0  # control error from which a set-point is not met
 _STILL_UNMET_K = 2.0  # the same, of a valve without any effect
 _OPEN_COMMAND = 0.05  # from which a valve counts as open
 _FIGHT_S = 900.0
@@ -42,7 +44,7 @@ def find_faults(unit: AirHandlerSeries) -> list[Finding]:
     still = {name: _still_mask(unit, name) for name in _SENSORS}
     findings = [_describe_still(unit, name, mask) for name, mask in still.items() if mask.any()]
     unit = unit.without({name: mask for name, mask in still.items() if mask.any()})
-    works = {coil: _works_while_shut(unit, coil) for coil in unit.coils}
+    works = {coil: works_while_shut(unit, coil) for coil in unit.coils}
     doubtful = ~unit.is_entering_plausible
     passing = {coil: unit.on_days_of(mask & ~doubtful, _LEAST_HOURS) for coil, mask in works.items()}
     findings += _find_mixed_air_off(unit, works)
@@ -70,17 +72,29 @@ def _opposing(unit: AirHandlerSeries, coil: str, least: float) -> Mask:
     return np.any(others, axis=0) if others else np.zeros_like(unit.on)
 
 
-def _works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
+def works_while_shut(unit: AirHandlerSeries, coil: str) -> Mask:
     """Whether a coil works though its valve, and any other that does the same, has been commanded shut."""
     coils, effect, offset = _coils_alike(unit, coil), unit.effect(coil), unit.offset(coil)
     is_shut = np.all([unit.rests(other) for other in coils], axis=0)
     has_rested = np.all([unit.rests(other, after=EFFECT_AFTER_LOW_FLOW_S) for other in coils], axis=0)
-    limit = np.full(effect.size, _LEAST_EFFECT_K if unit.is_entering_measured else _LEAST_EFFECT_BETWEEN_K)
+    limit = np.full(effect.size, LEAST_EFFECT_K if unit.is_entering_measured else _LEAST_EFFECT_BETWEEN_K)
     if unit.is_entering_measured and np.isfinite(offset):
-        limit[:] = np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, _LEAST_EFFECT_OVER_OFFSET_K, _LEAST_EFFECT_K)
+        limit[:] = np.clip(offset + _LEAST_EFFECT_OVER_OFFSET_K, _LEAST_EFFECT_OVER_OFFSET_K, LEAST_EFFECT_K)
     limit[unit.has_low_flow] = _LEAST_EFFECT_LOW_FLOW_K
     with np.errstate(invalid="ignore"):
         return np.asarray(is_shut & (has_rested | ~unit.has_low_flow) & (effect > limit))
+
+
+def find_open_unmet(unit: AirHandlerSeries, coil: str) -> tuple[Mask, Mask]:
+    """Find where a valve has been wide open and T_sup does not meet its set-point, and where the coil has no effect."""
+    shortfall, effect, offset = unit.shortfall(coil), unit.effect(coil), unit.offset(coil)
+    no_effect = _NO_EFFECT_K + (np.clip(offset, -1.0, 1.0) if np.isfinite(offset) else 0.0)
+    with np.errstate(invalid="ignore"):
+        # a controller without a set-point in the log is wide open because the air lacks something
+        is_unmet = unit.rests(coil, wide_open=True) & ((shortfall > MET_ERROR_K) | np.isnan(shortfall))
+        # air that the coil should cool and that leaves much warmer is another coil's work
+        is_still = is_unmet & (effect < no_effect) & (effect > -LEAST_EFFECT_K) & ~(shortfall < _STILL_UNMET_K)
+    return is_unmet, np.asarray(is_still)
 
 
 def _describe_passing(unit: AirHandlerSeries, coil: str, mask: Mask) -> Iterator[Finding]:
@@ -130,17 +144,11 @@ def _find_fights(unit: AirHandlerSeries) -> Iterator[Finding]:
 def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Finding]:
     """Find a valve that is wide open without effect, or with too little, and a loop that leaves its set-point."""
     sign, command, effect = SIGNS[coil], unit.command(coil), unit.effect(coil)
-    shortfall = sign * (unit.T_set(coil) - unit.T_sup)  # K that the air lacks
+    shortfall = unit.shortfall(coil)
     called = unit.on & (command > SHUT)
-    offset = unit.offset(coil)
-    no_effect = _NO_EFFECT_K + (np.clip(offset, -1.0, 1.0) if np.isfinite(offset) else 0.0)
+    is_unmet, is_still = (m & ~excused & ~_opposing(unit, coil, _OPEN_COMMAND) for m in find_open_unmet(unit, coil))
+    is_weak = is_unmet & ~is_still & np.isfinite(shortfall)
     with np.errstate(invalid="ignore"):
-        # a controller without a set-point in the log is wide open because the air lacks something
-        is_unmet = unit.rests(coil, wide_open=True) & ((shortfall > _UNMET_K) | np.isnan(shortfall))
-        is_unmet &= ~excused & ~_opposing(unit, coil, _OPEN_COMMAND)
-        # air that the coil should cool and that leaves much warmer is another coil's work
-        is_still = is_unmet & (effect < no_effect) & (effect > -_LEAST_EFFECT_K) & ~(shortfall < _STILL_UNMET_K)
-        is_weak = is_unmet & ~is_still & np.isfinite(shortfall)
         is_left = called & (command < WIDE_OPEN) & (np.abs(shortfall) > _OFF_K) & ~excused
     side = "below" if sign > 0.0 else "above"
 

@@ -11,12 +11,13 @@ from fastcoil.measured.air_handler.finding import Finding, make_finding
 from fastcoil.measured.air_handler.series import SHUT, SIGNS, WIDE_OPEN, AirHandlerSeries
 
 from fastcoil.measured.swings import (  # isort: skip
-    SwingWindow, describe_period, detrend, find_swings, follows_set_point, judge_gains, moves_with, swing_within,
+    SwingWindow, describe_period, detrend, find_swings, judge_gains, moves_with, swing_within,
 )  # fmt: skip
 
 _LEAST_SET_POINT_SWING_K = 2.5  # peak to peak
 _LONGEST_SET_POINT_HALF_CYCLE_S = 3600.0
 _LEAST_OUTSIDE_SWING_K = 2.0
+_SET_POINT_SHARE = 0.5  # of the swing of the supply air, from which it only follows its set-point
 _OUTSIDE_SHARE = 0.5  # of the swing of the entering air over that of the supply air, from which it makes it
 _BLOCK_S = 1800.0  # for which a loop swings or not, by its load
 _LEAST_BLOCKS = 8  # at low load and at high load, to compare them
@@ -36,7 +37,7 @@ def find_hunting(unit: AirHandlerSeries, faults: Sequence[Finding]) -> list[Find
     windows: dict[str, list[SwingWindow]] = {coil: [] for coil in unit.coils}
     outside: dict[str, list[SwingWindow]] = {"entering air": [], "water": []}
     for window in find_swings(unit.T_sup, unit.on, unit.interval):
-        if culprit := _blame(unit, window):
+        if culprit := blame_swing(unit, window):
             (windows if culprit in windows else outside)[culprit].append(window)
     passing = {f.component.split()[0]: unit.days_of(f.windows) for f in faults if f.kind in ("leak", "stuck_open")}
     for coil in unit.coils:
@@ -52,7 +53,7 @@ def find_hunting(unit: AirHandlerSeries, faults: Sequence[Finding]) -> list[Find
     return findings
 
 
-def _blame(unit: AirHandlerSeries, window: SwingWindow) -> str:
+def blame_swing(unit: AirHandlerSeries, window: SwingWindow) -> str:
     """Return what makes a swing: a coil, ``entering air`` or ``water``; blank where a set-point does."""
 
     def swing(series: Array) -> float:
@@ -62,7 +63,7 @@ def _blame(unit: AirHandlerSeries, window: SwingWindow) -> str:
     moving = {c: s for c, s in swings.items() if moves_with(unit.command(c), window, s, unit.interval)}
     if moving:
         coil = max(moving, key=lambda c: moving[c])
-        return "" if follows_set_point(swing(unit.T_set(coil)), window) else coil
+        return "" if swing(unit.T_set(coil)) >= _SET_POINT_SHARE * window.peak_to_peak else coil
     entering = max(swing(T) for T in unit.T_entering)
     return "entering air" if entering >= _OUTSIDE_SHARE * window.peak_to_peak else "water"
 

@@ -17,6 +17,7 @@ from fastcoil.measured.part import true_runs
 
 SIGNS = {"cooling": -1.0, "heating": 1.0, "preheat": 1.0}  # of the change of the air's temperature by a coil
 SHUT, WIDE_OPEN = 0.02, 0.98  # command, fraction of stroke
+MET_ERROR_K = 1.0  # control error up to which a set-point is met, as air handlers are commissioned
 EFFECT_AFTER_S = 1800.0  # time after which coil and duct have followed the valve
 EFFECT_AFTER_LOW_FLOW_S = 3 * 3600.0  # the same at a low air flow
 _SMOOTHING_S = 900.0  # of the change of the air's temperature
@@ -130,6 +131,10 @@ class AirHandlerSeries:
         good = self.on & np.isfinite(effect)
         smooth = running_mean(np.where(good, effect, 0.0), good, max(1, round(_SMOOTHING_S / self.interval)))
         return np.where(good, smooth, np.nan)
+
+    def shortfall(self, coil: str) -> Array:
+        """Return by how much the air leaves less warm (cooling: less cold) than the set-point asks, K, (n,)."""
+        return SIGNS[coil] * (self.T_set(coil) - self.T_sup)
 
     def rests(self, coil: str, *, wide_open: bool = False, after: float = EFFECT_AFTER_S) -> Mask:
         """Whether a valve has been commanded shut, or wide open, for so many s, (n,)."""

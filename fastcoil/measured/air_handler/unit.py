@@ -16,7 +16,7 @@ from fastcoil.base.results import Result, toml_document, toml_table
 from fastcoil.logs.air_handler import AirHandlerPoints, valve_log
 from fastcoil.logs.log import Log
 from fastcoil.measured.air_handler.finding import Finding
-from fastcoil.measured.air_handler.series import SHUT, AirHandlerSeries
+from fastcoil.measured.air_handler.series import MET_ERROR_K, SHUT, AirHandlerSeries
 from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import Diagnosis
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST_CALLED_H = 1.0
-_IN_CONTROL_K = 1.0  # control error up to which a set-point is met
 _PAGE_WIDTH_INCHES = 7.5
 _COIL_COLOURS = {"cooling": BLUE, "heating": RED, "preheat": YELLOW}
 
@@ -86,7 +85,7 @@ class AirHandler(Result):
             hours = f"{coil} called in {series.hours(called):.0f} of {series.hours(series.on):.0f} h"
             error = np.abs(series.T_sup - series.T_set(coil))
             known = called & np.isfinite(error)
-            calm = error <= _IN_CONTROL_K
+            calm = error <= MET_ERROR_K
             for finding in self.findings:
                 if finding.kind == "hunt" and finding.component.startswith(coil):
                     calm &= ~series.mask_of(finding.windows)

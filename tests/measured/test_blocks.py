@@ -7,7 +7,7 @@ import pytest
 from helpers.simulated_logs import VALVE_TRUTH, add_noise, make_valve_log, random_walk, valve_flows
 
 import fastcoil as fc
-from fastcoil.measured.least_squares import Model, bootstrap_blocks, minimise, uncertainty, widen_by_bootstrap
+from fastcoil.measured.least_squares import Model, minimise, number_blocks, uncertainty, widen_by_blocks
 
 pytestmark = pytest.mark.kernel
 
@@ -24,33 +24,33 @@ def fit_line(seed, n_batches, n, common):
     )  # fmt: skip
     best = minimise(model, np.array([[2.0], [3.0]]))
     spread = uncertainty(model, best)
-    return best, spread, widen_by_bootstrap(model, best, spread, [])
+    return best, spread, widen_by_blocks(model, best, spread)
 
 
 def test_an_error_common_to_a_batch_widens_the_interval_to_its_true_size():
-    """The scatter of the slope over 40 sets of 20 batches is what the bootstrap says, not the plain error."""
+    """The scatter of the slope over 40 sets of 20 batches is what the blocks say, not the plain error."""
     fits = [fit_line(seed, 20, 50, 2.0) for seed in range(100, 140)]
     scatter = np.std([best.x[1] for best, _, _ in fits])
-    plain_error, bootstrap_error = (np.mean([np.sqrt(fit[k].covariance[1, 1]) for fit in fits]) for k in (1, 2))
+    plain_error, block_error = (np.mean([np.sqrt(fit[k].covariance[1, 1]) for fit in fits]) for k in (1, 2))
     assert plain_error < 0.5 * scatter
-    assert bootstrap_error == pytest.approx(scatter, rel=0.25)
+    assert block_error == pytest.approx(scatter, rel=0.25)
     assert (fits[0][2].inflation >= fits[0][1].inflation).all()
 
 
 def test_the_blocks_are_the_pieces_or_cut_from_them():
     ones = np.ones(600, dtype=bool)
-    of_pieces = bootstrap_blocks(np.repeat(np.arange(12), 50), ones, 300.0)
+    of_pieces = number_blocks(np.repeat(np.arange(12), 50), ones, 300.0)
     np.testing.assert_array_equal(of_pieces, np.repeat(np.arange(12), 50))
-    cut = bootstrap_blocks(np.repeat([0, 1], 300), ones, 100.0)
+    cut = number_blocks(np.repeat([0, 1], 300), ones, 100.0)
     assert np.unique(cut).size == 20
     assert not set(cut[:300]) & set(cut[300:])
-    assert np.unique(bootstrap_blocks(np.zeros(600, dtype=int), ones, 1.0)).size == 8
+    assert np.unique(number_blocks(np.zeros(600, dtype=int), ones, 1.0)).size == 8
 
 
 def test_a_single_sample_has_no_blocks_to_draw():
     best, spread, _ = fit_line(1, 20, 50, 0.0)
     model = SimpleNamespace(segment=np.zeros(1000, dtype=int), used=np.arange(1000) < 1, n_common=2)
-    assert widen_by_bootstrap(model, best, spread, []) is spread
+    assert widen_by_blocks(model, best, spread) is spread
 
 
 def logs_with_batch_errors(seed, sd=0.06, n_batches=12, n=50):
