@@ -22,7 +22,6 @@ from fastcoil.loops.boundary.days import design_day as design_day
 from fastcoil.loops.boundary.days import heating_day as heating_day
 from fastcoil.loops.boundary.days import paper_day as paper_day
 from fastcoil.loops.boundary.weather import weather_day as weather_day
-from fastcoil.loops.boundary.weather import weather_year as weather_year
 from fastcoil.loops.loop import Loop as Loop
 from fastcoil.loops.presets import presets as presets
 from fastcoil.loops.simulate import simulate as simulate

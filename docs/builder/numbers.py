@@ -107,7 +107,8 @@ def number(root: Path, mark: str) -> str:
     for form in forms:
         if form == "range":
             ordered = sorted(cells, key=lambda cell: float(FIRST.findall(cell)[0].replace(",", "")))
-            cells = [f"{FIRST.findall(ordered[0])[0]} to {ordered[-1]}"]
+            is_one = ordered[0] == ordered[-1]
+            cells = [ordered[-1] if is_one else f"{FIRST.findall(ordered[0])[0]} to {ordered[-1]}"]
         elif form.startswith("of "):
             cells = [_first_group(form.removeprefix("of "), cell) for cell in cells]
         else:

@@ -19,10 +19,7 @@ MEMMAP_MIN_BYTES = 2**18  # size from which an array lies in a file
 def allocate_on_disk(
     shape: tuple[int, ...], value: Any, dtype: np.dtype[Any], folder: Path | None = None
 ) -> NDArray[Any]:
-    """Make an array; a large one is in a nameless file, so that results may be larger than the memory.
-
-    folder: of that file, ``StorageError`` if there is no room; by default that for temporary files, else the memory.
-    """
+    """Make an array, a large one in a nameless file in ``folder`` or that for temporary files, else in memory."""
     size = dtype.itemsize * int(np.prod(shape))
     if size < MEMMAP_MIN_BYTES:
         return np.full(shape, value, dtype)

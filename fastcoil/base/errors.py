@@ -71,10 +71,7 @@ CODES = {
 
 
 class Problem(str):
-    """One mistake: the sentence for the user, the field that it is about, and a code of ``CODES``.
-
-    field: the argument, parameter, key, column or option to change, as the user writes it; the path of a wrong file.
-    """
+    """One mistake: a sentence, a code of ``CODES``, and the argument, key, option or file to change."""
 
     field: str
     code: str

@@ -1,8 +1,4 @@
-"""Style of all figures, and writing them as PNG, PDF or SVG, atomically and with reproducible bytes.
-
-The metadata of a study's figure contain the ``content_sha256`` of the results it was drawn from, so that outdated
-figures are recognised.
-"""
+"""Style of all figures, and writing them as PNG, PDF or SVG, atomically and with reproducible bytes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Files: bounded reads, atomic and durable writes, and existence checks.
-
-A write is flushed to disk before its name is in place.  An unreadable path raises; it is not reported as missing.
-"""
+"""Files: bounded reads, atomic and durable writes, and existence checks that raise for an unreadable path."""
 
 import codecs
 import contextlib
@@ -33,9 +30,8 @@ class IrregularFileError(ValueError):
 def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_1: bool = False) -> str:
     """Read a text file named by the user: UTF-8, with or without byte order mark; line ends are kept.
 
-    path, limit: the file and its maximum size in bytes.  what: what to give if this file cannot be used, such as ``"a
-    CSV file"``.  utf_16: also accept UTF-16 with a byte order mark.  latin_1: fall back to Latin-1 if the file is not
-    UTF-8, for formats whose meaning is ASCII only.  ``InputError`` if it cannot be read, or is no such file.
+    what: what to give if this file cannot be used, such as ``"a CSV file"``.  limit: bytes.  utf_16: also accept UTF-16
+    with a byte order mark.  latin_1: fall back to Latin-1, for formats whose meaning is ASCII only.
     """
     require_usable_path(path, f"give {what}")
     try:
@@ -62,8 +58,7 @@ def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_
 def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """Read a whole file of at most ``limit`` bytes; all reads except NetCDF go through here.
 
-    follow: follow symbolic links.  ``OSError`` from the operating system, ``TooLargeError`` above the limit,
-    ``IrregularFileError`` if it is a pipe, a device or a socket.
+    ``TooLargeError`` above the limit, ``IrregularFileError`` if it is a pipe, a device or a socket, else ``OSError``.
     """
     # checked before opening: opening a device can have side effects
     _require_regular_file(os.stat(path, follow_symlinks=follow))

@@ -124,11 +124,7 @@ def count_processors() -> int:
 
 
 def available_memory() -> int:
-    """Return the bytes of memory that this process can use without swapping or being killed.
-
-    The minimum of the machine's available memory, the remainder in the control group (v2) of this process and in each
-    of its parents, and the limit on its address space.  A limit that cannot be read is ignored.
-    """
+    """Return the bytes that this process can use: the least that machine, control groups (v2) and limits leave it."""
     return min([_machine_memory(), *_control_group_memory(), *_address_space_left()])
 
 

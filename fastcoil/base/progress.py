@@ -1,7 +1,4 @@
-"""Progress of long work: a bar on a terminal, lines of text elsewhere; and for programs the logger ``fastcoil``.
-
-Not shown for work of less than 2 s, in workers, or in unattended runs.  Logged, as INFO, whether it is shown or not.
-"""
+"""Progress of long work: a bar on a terminal, lines of text elsewhere; and for programs the logger ``fastcoil``."""
 
 import logging
 import multiprocessing

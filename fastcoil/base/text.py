@@ -99,6 +99,11 @@ def format_kelvin(value: float) -> str:
     return f"{format_two_digits(value)} K" if abs(value) >= 5e-4 else "0 K"
 
 
+def format_swing(peak_to_peak: float) -> str:
+    """Format a swing, K from peak to peak, as half of it to both sides: ``± 3.1 K``."""
+    return f"± {format_kelvin(0.5 * peak_to_peak)}"
+
+
 def format_two_digits(value: float) -> str:
     """Format a number with two significant digits, from 100 on as an integer."""
     return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"

@@ -86,21 +86,15 @@ def require_fit_file(out: Path) -> None:
 @click.argument("other_logs", type=PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @with_toml
-@click.option(
-    "--fleet", is_flag=True, help="DATA are logs of many valves or air handlers, or folders of logs: rank them."
-)
-@click.option(
-    "--answers",
-    type=PATH,
-    metavar="FILE.toml",
-    help="Columns and units of air handlers, as -o wrote them for another one.",
-)
+@click.option("--fleet", is_flag=True,
+              help="DATA are logs of many valves or air handlers, or folders of logs: rank them.")  # fmt: skip
+@click.option("--answers", type=PATH, metavar="FILE.toml",
+              help="Columns and units of air handlers, as -o wrote them for another one.")  # fmt: skip
 @click.option("-j", "--jobs", type=int, help="With --fleet: processes; all cores by default.")
 @click.option(
-    "--fail",
-    is_flag=True,
+    "--fail", is_flag=True,
     help="Exit code 1 if a valve hunts or has a gap of more than 1 %, or an air handler has a finding.",
-)
+)  # fmt: skip
 @with_stroke_time
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 @click.option("--lag", type=float, help="Seconds by which T_sup is logged after the command; estimated by default.")
@@ -187,12 +181,7 @@ def _diagnose_fleet(
         for problem, valves in valves_by_problem.items()
     ]
     echo(*failures[:_MAX_LISTED], *[f"… and {len(failures) - _MAX_LISTED:,} more"] * (len(failures) > _MAX_LISTED))
-    if out is not None:
-        echo(f"Written: {out}")
-    if not rows:
-        raise InputError("no log could be read: see the reasons above", "DATA", "data")
-    if fail and state_counts(ds)[AT_FAULT]:
-        sys.exit(_EXIT_FAULT_FOUND)
+    _end_survey(out, rows, fail and bool(state_counts(ds)[AT_FAULT]))
 
 
 def _print_air_handlers(ds: xr.Dataset, out: Path | None, fail: bool) -> None:
@@ -203,11 +192,15 @@ def _print_air_handlers(ds: xr.Dataset, out: Path | None, fail: bool) -> None:
     echo(*[f"… and {len(rows) - _MAX_ROWS:,} more"] * (len(rows) > _MAX_ROWS))
     unread = zip(ds["unread"].values, ds["problem"].values, strict=True)
     echo(*[f"Not read: {name}: {problem}" for name, problem in unread][:_MAX_LISTED])
+    _end_survey(out, rows, fail and bool((ds["kind"] != "none").any()))
+
+
+def _end_survey(out: Path | None, rows: Sequence[object], fails: bool) -> None:
     if out is not None:
         echo(f"Written: {out}")
     if not rows:
         raise InputError("no log could be read: see the reasons above", "DATA", "data")
-    if fail and (ds["kind"] != "none").any():
+    if fails:
         sys.exit(_EXIT_FAULT_FOUND)
 
 
@@ -276,7 +269,7 @@ def join(
     unit (command [%]); for a single column the file name may (command.csv).
     """
     from fastcoil.base.arguments import argument_checks, require_number
-    from fastcoil.logs.columns import require_max_gap
+    from fastcoil.logs.columns import MAX_GAP_CURE
     from fastcoil.logs.join import join_points
     from fastcoil.logs.timestamps import require_time_format, require_time_zone
 
@@ -285,7 +278,7 @@ def join(
     with argument_checks() as check:
         cure = "give seconds, from 1 to 86400"
         step = check.unless_none(require_number, "--step", step, cure, least=1.0, most=86400.0)
-        check(require_max_gap, max_gap)
+        check.unless_none(require_number, "max_gap", max_gap, MAX_GAP_CURE, least=1.0)
         time_format = check.unless_none(require_time_format, "--time-format", time_format)
         time_zone = check.unless_none(require_time_zone, "--time-zone", time_zone)
         check(_require_new_csv, out)
@@ -317,9 +310,7 @@ with_common_options = combine_options(
 """The options that all fits have."""
 
 
-def run_fit(
-    fit_function: Callable[..., Fit], out: Path, data: Path, read: Mapping[str, Any], **options: Any
-) -> None:  # fmt: skip
+def run_fit(fit_function: Callable[..., Fit], out: Path, data: Path, read: Mapping[str, Any], **options: Any) -> None:
     """Run a fit of the package, print its summary, and write TOML and figure."""
     require_fit_file(out)
     log = fc.read_log(data, **read, constants=options.pop("constants", None))

@@ -1,7 +1,4 @@
-"""Output to the terminal, and how a command ends: one sentence per mistake, advice on how to resume.
-
-The standard streams never raise: what a full disk, a closed pipe or a closed descriptor loses is recorded.
-"""
+"""Output to the terminal, and how a command ends: one sentence per mistake, advice on how to resume."""
 
 from __future__ import annotations
 
@@ -81,10 +78,9 @@ def on_data(command: click.Command) -> click.Command:
 
 
 def _delay_dask() -> None:
-    """Let xarray take no array for one of dask's until something else has imported dask, when none can be.
+    """Let xarray take no array for one of dask's until something else has imported dask, which takes half a second.
 
-    It imports dask wherever it is installed to ask, which takes half a second.  These names are xarray's own: where a
-    version has others, commands start later.
+    The names are xarray's own: where a version has others, commands start later.
     """
 
     class LateDask:
@@ -269,8 +265,7 @@ class SafeStream(io.TextIOWrapper):
 def guard_streams() -> SafeStream:
     """Replace ``sys.stdout``, which is returned, and ``sys.stderr`` by streams that never raise.
 
-    Closed descriptors 0 to 2 are opened on /dev/null, so that no data file gets one of them and receives what a library
-    prints.
+    Closed descriptors 0 to 2 are opened on /dev/null, so that no library prints into a data file.
     """
     for descriptor in range(3):
         try:

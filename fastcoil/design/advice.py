@@ -1,8 +1,4 @@
-"""Advice on a loop, with numbers: cures, tried by simulation, and the one source of every advice.
-
-``propose_cures`` lists changes, ``try_cures`` simulates them, ``advise`` chooses one; a diagnosis and a tuning give
-``advise`` other options.
-"""
+"""Advice on a loop, with numbers: cures, tried by simulation, and the one source of every advice."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -228,10 +224,8 @@ def advise(
 ) -> Advice:  # fmt: skip
     """Choose an option, and say so in a sentence.
 
-    Where the loop hunts or its motor chatters, it is the one of the first rank that does not, with the least error;
-    where it does not, only an option that takes 5 % off the error.
-
-    options: the loop as it is first.  holds_set_point: whether it does as it is.  least_error: that counts, K.
+    Where the loop, first of the options, hunts or its motor chatters: that of the first rank that does not, with the
+    least error.  Where it does not: one that takes 5 % off the error.  least_error: that counts, K.
     """
     current = options[0]
 
@@ -312,10 +306,7 @@ def verdict(current: Option, changed: Option) -> str:
 
 
 def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice, str]:
-    """Try cures, with a ``verdict`` each, also gains from a grid of simulations if no others help; and advise.
-
-    The sentence is that of ``contradiction_by_converged_march``.
-    """
+    """Try cures, with a ``verdict`` each, also gains from a grid of simulations if no others help; and advise."""
     cures = propose_cures(trial.loop, prediction, has_theory=trial.prediction is not None)
     ds = try_cures(trial, cures)
     if ds["hunts"][0] > 0.0 and not (ds["hunts"] == 0.0)[np.isin(ds["cure"], GAIN_CURES)].any():
@@ -332,10 +323,7 @@ def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice
 
 
 def contradiction_by_converged_march(trial: Trial, cures: Sequence[Cure], hunts_as_printed: Sequence[bool]) -> str:
-    """Say with which cures the converged march contradicts the printed one on whether the loop hunts.
-
-    Empty with none, and for a loop that has the converged march.
-    """
+    """Say with which cures the converged march contradicts the printed one on hunting; empty with none."""
     loop = trial.loop.assign(converged=True)
     if loop["air_march"] == trial.loop["air_march"]:
         return ""

@@ -41,12 +41,7 @@ def describing_function(amplitude: Array, width: Array, reversal_band: Array) ->
 
 
 def limiter_gain(amplitude: Array, low: Array, high: Array) -> Array:
-    """N(A), real, of a limiter with its limits ``low`` and ``high`` from the mean of its input.
-
-    With low = -high it is the saturation of the textbooks (Slotine and Li 1991, eq 5.9).
-
-    amplitude, low, high: in one unit, of shapes that broadcast; low at most high.
-    """
+    """N(A), real, of a limiter with limits ``low`` to ``high`` from its input's mean (Slotine and Li 1991, eq 5.9)."""
 
     def gain_up_to(limit: Array) -> Array:
         share = np.clip(limit / amplitude, -1.0, 1.0)
@@ -116,10 +111,7 @@ def interpolate(curves: Array, place: Array) -> Array:
 
 
 def swing_amplitude(u: Array, mean: Array, w: Array, elements: Elements, plants: Plants) -> Array:
-    """Half of peak to peak of T_sup, K, (n,).
-
-    u, mean: amplitude of u without limits, and its mean, fraction of stroke; w: rad/s; (n, 1) each.
-    """
+    """Half of peak to peak of T_sup, K, (n,), from amplitude and mean of u without limits, at w, rad/s, (n, 1) each."""
     phase = np.linspace(0.0, 2.0 * np.pi, STEPS_PER_PERIOD, endpoint=False)
     u_wave = np.clip(mean + u * np.sin(phase), 0.0, 1.0).T[:, :, None]
     proportional, integral = elements.pi_amplitudes(u, w)
@@ -176,10 +168,7 @@ _SINE_NODES = np.sin(np.pi * ((np.arange(8) + 0.5) / 8.0 - 0.5))  # at equal ste
 
 
 def refine_curve(curve: Array) -> Array:
-    """Return a curve (n, n_openings) with 8 times as many steps: cubic between its points, with the slopes there.
-
-    Valve curves bend so much that straight lines between the points are up to a third off in slope.
-    """
+    """Return a curve (n, n_openings) with 8 times as many steps: cubic, as straight lines are too wrong in slope."""
     slope, t = np.gradient(curve, axis=1), np.arange(8) / 8
     left, right = curve[:, :-1, None], curve[:, 1:, None]
     rise = right - left
@@ -215,28 +204,22 @@ _ROUND_OFF_BUFFER = 1e-6  # fraction of stroke; a buffer up to this size is agai
 
 
 class Elements(NamedTuple):
-    """The PI of each loop, and what lies between its u and the temperature, (n, 1) each, fractions of stroke.
-
-    kp, ti, sample_time, backlash, stroke_time: the parameters.  sign: of the error per K of T_sup.
-    width, reversal_band: of ``describing_function``, in u.  slope: of the compensation; 1 without one.  offset: of the
-    middle of u above that of the stem.  turn_delay: seconds after a turn until the valve may move, whatever the
-    amplitude: an inverse sees a turn half a sample late, and its jump takes the motor a while.
-    swing_mean, swing_gain: of ``mean_openings_and_gains``, (n, 28).
-    """
+    """The PI of each loop, and what lies between its u and the temperature, (n, 1) each, fractions of stroke."""
 
     kp: Array
     ti: Array
     sample_time: Array
     backlash: Array
     stroke_time: Array
-    sign: Array
-    width: Array
-    reversal_band: Array
-    slope: Array
-    offset: Array
+    sign: Array  # of the error per K of T_sup
+    width: Array  # of ``describing_function``, in u
+    reversal_band: Array  # the same
+    slope: Array  # of the compensation; 1 without one
+    offset: Array  # of the middle of u above that of the stem
+    # s after a turn until the valve may move: an inverse sees it half a sample late, and its jump takes a while
     turn_delay: Array
-    swing_mean: Array
-    swing_gain: Array
+    swing_mean: Array  # of ``mean_openings_and_gains``
+    swing_gain: Array  # the same
 
     @classmethod
     def from_columns(cls, columns: Columns, plants: Plants) -> Elements:
@@ -306,11 +289,9 @@ class Elements(NamedTuple):
     def make_describing_function(self, amplitude: Array, limit_gain: Array | Complex) -> Callable[[Array], Complex]:
         """Return N over frequencies, per (1 - X) of opening, relative to the plant's gain at rest: L N is the loop.
 
-        Limits of u, of the motor's speed, gap and the plant's curve change the sine one after the other, each as if
-        the output of the one before were a sine again.
+        Limits, gap and curve change the sine one after the other, each as if the output of the one before were a sine.
 
-        amplitude: of u without limits, (n, n_amplitudes), fraction of stroke.  limit_gain: of the limits of u.  The
-        frequencies: rad/s, (n, n_amplitudes).
+        amplitude: of u without limits, (n, n_amplitudes).  limit_gain: of the limits of u.
         """
         limited_amplitude = amplitude * np.abs(limit_gain)
 

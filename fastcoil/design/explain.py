@@ -12,7 +12,6 @@ import xarray as xr
 from fastcoil.base.arguments import argument_checks, require_integer
 from fastcoil.base.errors import Problem
 from fastcoil.base.figures import BLUE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
-from fastcoil.base.text import align_columns, format_kelvin, format_percent, format_period, format_two_digits
 from fastcoil.design.limit_cycle import HUNTING_INDEX_LIMIT
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.swing_verdict import LEAST_REGULARITY, SwingVerdict, moving_inputs
@@ -21,6 +20,9 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import STATUS_OK, WARM_UP_S
 
+from fastcoil.base.text import (  # isort: skip
+    align_columns, format_kelvin, format_percent, format_period, format_swing, format_two_digits,
+)  # fmt: skip
 from fastcoil.design.advice import (  # isort: skip
     AS_IS, GAIN_CURES, LONGER_TI, LOST_SHARE, NO_INVERSE, REPAIRED_VALVE, UNSURE_HUNTING_INDEX, Advice, Trial,
     find_cures,
@@ -53,10 +55,8 @@ def explain(
         A single day of at most a week.
     at
         A second of it: the hunting index is that of the conditions there alone.  By default the whole day counts.
-    warm_up
-        Seconds at the start that do not count.
-    seed
-        Seed of the measurement noise, 0 … 2**64 - 1.
+    warm_up, seed
+        As in ``simulate``.
 
     Returns
     -------
@@ -349,7 +349,7 @@ def _cure_table(e: Explanation) -> list[str]:
         else:
             change, travel_text = f"{error[0]:.3g} K", f"{travel[0]:.3g} strokes"
             verdict = e.judge().clause.partition(":")[0]
-        cells = (f"{index[k]:.2f}", change, format_kelvin(swing[k]), travel_text)
+        cells = (f"{index[k]:.2f}", change, format_swing(swing[k]), travel_text)
         shown = (cell if np.isfinite(column[k]) else "–" for cell, column in zip(cells, columns, strict=True))
         rows.append((words, *shown, verdict))
     return ["Possible changes and their cost, each simulated on this day", *align_columns(rows, right=range(1, 5))]
@@ -371,11 +371,11 @@ def _agreement_line(e: Explanation, points: xr.Dataset) -> str:
     swings, cycle = 2.0 * hunting["amplitude"].values, "no cycle"
     if np.isfinite(swings).any():
         k = int(np.nanargmax(swings))
-        cycle = f"up to {format_kelvin(swings[k])} peak to peak every {format_period(float(hunting['period'][k]))}"
+        cycle = f"up to {format_swing(swings[k])} every {format_period(float(hunting['period'][k]))}"
     elif swings.size:
         cycle = "a cycle whose size theory does not give"
-    extremes = format_kelvin(float(e.simulated["settled_range"][0]))
-    simulated = "failed" if e._has_failed else f"it {e.judge().clause}, extremes {extremes} apart"
+    extremes = format_swing(float(e.simulated["settled_range"][0]))
+    simulated = "failed" if e._has_failed else f"it {e.judge().clause}, at most {extremes}"
     line = f"Predicted: {cycle}; simulated: {simulated}."
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 

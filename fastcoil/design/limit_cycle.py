@@ -32,15 +32,11 @@ DescribingFunction = Callable[[Array], Complex]
 
 
 class HarmonicBalance(NamedTuple):
-    """Balance of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
+    """Balance of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes)."""
 
-    product: |L| |N| where L and N lag 180° together; 0 where they do nowhere.  place: index of the frequency, with a
-    fraction.  size: |N|.
-    """
-
-    product: Array
-    place: Array
-    size: Array
+    product: Array  # |L| |N| where L and N lag 180° together; 0 where they do nowhere
+    place: Array  # index of the frequency, with a fraction
+    size: Array  # |N|
 
 
 def frequency_at(w: Array, place: Array) -> Array:
@@ -53,11 +49,10 @@ def harmonic_balance(
 ) -> HarmonicBalance:
     """Find where L and N lag 180° together, for each loop and amplitude.
 
-    With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
-    where it only falls, all of it is the first piece.
+    With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.
 
-    w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: members, (m,) → their
-    describing function at frequencies, (m, n_amplitudes).  lead: upper limit of the lead of N, rad, (n,).
+    w: rad/s, (n_w,), ascending by equal ratios.  L: (n, n_w).  N: members, (m,) → their describing function at
+    frequencies, (m, n_amplitudes).  lead: upper limit of the lead of N, rad, (n,).
     """
     phase_left, log_L, pieces = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L)), []
     for low, high, turn in _phase_pieces(phase_left, lead):
@@ -106,10 +101,7 @@ def _phase_pieces(phase_left: Array, lead: Array) -> list[tuple[Index, Index, fl
 
 
 class Swings(NamedTuple):
-    """Swings in which the phases of L and N add up to -180°.
-
-    product: |L| |N|.  w: rad/s.  u: amplitude of u, fraction of stroke.  T: amplitude of T_sup, K.
-    """
+    """Swings at which L and N lag 180° together: |L| |N|, w, rad/s, amplitudes u, fraction of stroke, and T, K."""
 
     product: Array
     w: Array
@@ -120,10 +112,9 @@ class Swings(NamedTuple):
 def find_sustained_cycle(swings: Swings, disturbance: float) -> tuple[Mask, Swings]:
     """Find the cycle in which a swing of T_sup with the amplitude ``disturbance``, K, ends, and whether there is one.
 
-    Where |L| |N| falls through 1 as the amplitude grows, a larger swing decays and a smaller one grows: that cycle
-    sustains itself.  Where it rises through 1, it parts the swings that grow from those that decay (Gelb and Vander
-    Velde 1968, section 3.2).  Where the phase of L rises with the frequency it is the other way round.
-    swings: (3, n, n_amplitudes) each, of the pieces of ``harmonic_balance``.
+    Where |L| |N| falls through 1 as the amplitude grows, a cycle sustains itself; where it rises, it parts the swings
+    that grow from those that decay (Gelb and Vander Velde 1968, section 3.2).  Where the phase of L rises with the
+    frequency it is the other way round.
     """
     F = swings.product
     before, after = F[:, :, :-1], F[:, :, 1:]
@@ -167,27 +158,19 @@ _N_AMPLITUDES = 44  # of u, by equal ratios
 
 
 class Cycles(NamedTuple):
-    """Hunting index and limit cycle of each loop, (n,).
+    """Hunting index and limit cycle of each loop, (n,)."""
 
-    hunting_index: largest |L| |N|, where L and N lag 180° together, over the swings of T_sup of up to ``DISTURBANCE``;
-    without a gap, 1 over the gain margin.  0 where the two never do, or no opening holds the set-point.
-    hunts: 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0.
-    period: s.  amplitude: half of peak to peak of true T_sup, K.  NaN where it does not hunt.
-    frequency: of the hunting index, rad/s.
-    """
-
+    # largest |L| |N| where both lag 180° together, over swings of T_sup of up to ``DISTURBANCE``; without a gap 1 over
+    # the gain margin; 0 where the two never do, or no opening holds the set-point
     hunting_index: Array
-    hunts: Array
-    period: Array
-    amplitude: Array
-    frequency: Array
+    hunts: Array  # 1 where a disturbance starts a swing of more than 0.1 K from peak to peak that goes on, else 0
+    period: Array  # s, NaN where it does not hunt, as the amplitude
+    amplitude: Array  # half of peak to peak of true T_sup, K
+    frequency: Array  # of the hunting index, rad/s
 
 
 def predict_cycles(columns: Columns, plants: Plants) -> Cycles:
-    """Predict hunting index and limit cycle; all NaN in ``unpredictable_loops`` and where a plant has no gain.
-
-    columns: parameter name → (n,), see ``parameter_columns``.  plants: of these loops, see ``linearise_plants``.
-    """
+    """Predict hunting index and limit cycle; all NaN in ``unpredictable_loops`` and where a plant has no gain."""
     periods, kp = floats(columns, "sample_time", "kp")
     is_known = ~np.any(list(unpredictable_loops(columns).values()), axis=0) & np.isfinite(plants.gain)
     cycles = Cycles(*(np.full(plants.opening.size, np.nan) for _ in Cycles._fields))
@@ -320,12 +303,8 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
 
     Parameters
     ----------
-    loop, boundary
-        As for ``simulate``; a sweep and several days give results of these dims.
-    at
-        Where on the day: None for the mean conditions and the mean set-point of the enabled seconds after the warm-up
-        of 1,800 s; a second, or a list of them, for the conditions of that second, as if they were constant.  A list
-        becomes the dim ``elapsed_time``.
+    loop, boundary, at
+        As for ``linearise``; a sweep, several days and a list of seconds give results of these dims.
 
     Returns
     -------

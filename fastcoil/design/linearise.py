@@ -26,17 +26,12 @@ _LOWEST_FREQUENCY = 1e-6  # rad/s: any integral has brought L above 1 there
 
 
 class Margins(NamedTuple):
-    """Margins of n loops without a gap, (n,) each.
+    """Margins of n loops without a gap, (n,); NaN for a valve that changes nothing or acts the wrong way round."""
 
-    ultimate_gain: kp at which the loop would keep swinging under a P controller, 1/K.  ultimate_period: s.
-    gain_margin: by how much kp may be multiplied; below 1 the loop is unstable.  phase_margin: degrees.
-    NaN where there is no such thing: a valve that changes nothing, or acts the wrong way round.
-    """
-
-    ultimate_gain: Array
-    ultimate_period: Array
-    gain_margin: Array
-    phase_margin: Array
+    ultimate_gain: Array  # kp at which the loop would keep swinging under a P controller, 1/K
+    ultimate_period: Array  # s
+    gain_margin: Array  # by how much kp may be multiplied; below 1 the loop is unstable
+    phase_margin: Array  # degrees
 
 
 def margins_of(columns: Columns, plants: Plants) -> Margins:
@@ -104,11 +99,10 @@ class Gains(NamedTuple):
 
 
 def first_order(columns: Columns, plants: Plants) -> FirstOrder:
-    """Reduce the response to a step of the opening, seen through the sensor's lag, to first order with delay.
+    """Reduce the response to a step of the opening, seen through the sensor's lag, to first order with a delay ≥ 0.
 
-    The model meets the response at 35.3 and 85.3 % of its end; its delay is at least 0.  These are the two points of
-    K. R. Sundaresan, P. R. Krishnaswamy: Estimation of time delay time constant parameters in time, frequency, and
-    Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
+    The model meets the response at 35.3 and 85.3 % of its end: Sundaresan and Krishnaswamy, Can. J. Chem. Eng. 56
+    (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
     """
     (tau,), early, late = floats(columns, "sensor_time_constant"), 0.353, 0.853
     first, kind = unique_columns(plants.kind, tau)
@@ -122,10 +116,7 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
 
 
 def integral_speed(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
-    """Speed of the integral against the plant, (kp K)^0.7 (T + 2 θ)/ti; K, T and θ are those of a step.
-
-    A fit over loops with a gap, see docs/findings/hunting.md.
-    """
+    """Speed of the integral, (kp K)^0.7 (T + 2 θ)/ti, fitted to loops with a gap: docs/findings/hunting.md."""
     kp, ti = floats(columns, "kp", "ti")
     gain = np.maximum(kp * stroke_gain(columns, plants), 0.0)
     return np.asarray(gain**0.7 * (model.lag + 2.0 * _dead_time(columns, model)) / ti)

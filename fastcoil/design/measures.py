@@ -58,10 +58,7 @@ class Measure(NamedTuple):
         return quantity(self.metric).number(value) if math.isfinite(value) else "–"
 
     def evaluate(self, values: Array) -> Array:
-        """Return the least of (…, n) values that a share ``quantile`` of them does not exceed, or their mean.
-
-        NaN, a failed scenario or something that never happened, counts as infinite; the order needs no arithmetic.
-        """
+        """Return the least values that a share ``quantile`` of (…, n) does not exceed, or the mean; NaN is infinite."""
         values = np.where(np.isnan(values), np.inf, values)
         if self.quantile is None:
             return np.asarray(values.mean(axis=-1))
@@ -148,10 +145,9 @@ def violation(limits: Sequence[Limit], values: Mapping[str, Array]) -> Array:
 def with_intervals(cases: Mapping[str, Array], measures: Sequence[Measure], labels: list[str], seed: int) -> xr.Dataset:
     """Return measures along ``tuning`` and ``edge`` from metrics (tuning, day, valve, replicate).
 
-    The interval is the 95 % interval of the bootstrap: valves and days are resampled independently, since every valve
-    meets every day (Owen 2007, doi:10.1214/07-AOAS122); all tunings get the same draws, so that ``change``, that of the
-    first measure against the first tuning, is one of pairs.  A single day shows no scatter between days, and the
-    interval then holds none; a single valve on a single day has no interval: NaN.
+    The 95 % interval is by bootstrap over valves and days independently (Owen 2007, doi:10.1214/07-AOAS122); all
+    tunings get the same draws, so that ``change`` against the first is one of pairs.  A single day shows no scatter
+    between days; a single valve on a single day has no interval: NaN.
     """
     n, days, valves = next(iter(cases.values())).shape[:3]
     rng = np.random.default_rng([seed, 3])

@@ -31,10 +31,9 @@ def index_chunks(n: int, size: int = 2048) -> list[Index]:
 
 
 class OperatingPoints:
-    """Every loop of a sweep at every operating point, in one flat order.
+    """Every loop of a sweep at every operating point, in one flat order; warm_up: seconds that a day's mean leaves out.
 
     Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if ``at`` is a list.
-    loop, boundary, at: see ``linearise``.  warm_up: seconds that the mean of a day leaves out.
     """
 
     def __init__(self, loop: Loop, boundary: Boundary, at: Any = None, warm_up: int = WARM_UP_S) -> None:
@@ -161,10 +160,7 @@ class PointsOfDay(NamedTuple):
 
 
 def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
-    """Return the points of a day, each hour at each set-point, or the second ``at``; plant on, after the warm-up.
-
-    Set-points of an hour that differ by less than 0.5 K may count as one; one held for less than 300 s does not count.
-    """
+    """Return the points of a day, each hour at each set-point, or the second ``at``; plant on, after the warm-up."""
     series = {name: boundary.series[name][0] for name in CONDITION_SERIES}
     is_on = boundary.series["enabled"][0] > 0.0
     if at is not None:

@@ -62,11 +62,7 @@ class _OwnPlant:
 def rest_plant(
     matrix: Array, rules: UserRules, entering: Array, T_set: float, openings: Array, n_steps: int
 ) -> PlantAtRest:
-    """Find where a plant of the user rests at a set-point, and its response there.
-
-    matrix: (rows, 1), of its scenario.  entering: (5,), see CONDITIONS.  openings: of the curve, from 0 to 1.
-    n_steps: seconds of the response.
-    """
+    """Find where a plant of the user rests, its curve over ``openings``, and its response for ``n_steps`` s."""
     plant = _OwnPlant(matrix, rules, np.ascontiguousarray(entering))
     curve, seconds = plant.temperatures(openings)
     if np.isnan(curve).any():

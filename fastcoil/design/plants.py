@@ -27,9 +27,8 @@ Complex = NDArray[np.complex128]
 def frequency_response(response: Array, w: Array, ratio: Array | None = None) -> Complex:
     """Σ (r_k - r_(k-1)) e^(-jωk) over k ≥ 1 of step responses from sample 1 on, (n, n_steps), at w, (n_w,): (n, n_w).
 
-    For a response of each second, from the opening to true T_sup, K per unit opening, at angular frequencies w, rad/s:
-    the transfer function of the 1-s steps at z = e^(jω).  In general w is in radians per sample.
-    ratio: of successive changes beyond the end, (n,); by default that of the last ones.
+    The transfer function of the steps at z = e^(jω); w: radians per sample.  ratio: of successive changes beyond the
+    end, (n,); by default that of the last ones.
     """
     changes = np.diff(response, axis=1, prepend=0.0)
     rotations = np.exp(-1j * np.outer(np.arange(1, changes.shape[1] + 1), w))
@@ -64,11 +63,7 @@ def _sensor_decay(tau: Array) -> Array:
 
 
 def sampled_response(response: Array, tau: Array, period: int, w: Array) -> Complex:
-    """``frequency_response`` of every ``period``-th second of a sensor with lag tau, (n,), s; w in rad/s.
-
-    Exact: from sample to sample the reading decays by d^period, d = e^(-1/tau), and the seconds between count by their
-    age.
-    """
+    """``frequency_response`` of every ``period``-th second of a sensor with lag tau, (n,), s; w in rad/s.  Exact."""
     # two samples lie beyond the end
     extended, ratio = _extend_response(response, 3 * period - response.shape[1] % period)
     decay = _sensor_decay(tau)[:, None]
@@ -109,15 +104,13 @@ def floats(columns: Columns, *names: str) -> Iterator[Array]:
 
 
 class Plants(NamedTuple):
-    """Linearised plants at rest of n loops, (n,) each; a room that is controlled is part of its plant.
-
-    Gain and response are NaN where T_sup jumps past the set-point: a coil that exchanges less when it is wet than when
-    it is dry has two states of rest.
-    """
+    """Linearised plants at rest of n loops, (n,) each, a controlled room included."""
 
     opening: Array  # fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it
     T_sup: Array  # °C, at rest there: supply air, or the room where it is controlled
-    gain: Array  # K per unit opening, below 0 for cooling
+    # K per unit opening, below 0 for cooling; NaN, as the response, where T_sup jumps past the set-point: a coil that
+    # exchanges less when it is wet than when it is dry has two states of rest
+    gain: Array
     reachable: Mask  # whether an opening holds the set-point
     m_w: Array  # kg/s
     wet_volumes: Array  # one that is wet and dry by turns counts with the share of time in which it is wet
@@ -144,11 +137,7 @@ def unique_columns(*parts: Array | Index) -> tuple[Index, Index]:
 def linearise_plants(
     columns: Columns, conditions: Mapping[str, Array], rules: Mapping[str, Rule] | None = None
 ) -> Plants:
-    """Find where the plants rest, and how they answer there.  Equal plants are computed once.
-
-    columns: parameter name → (n,), see ``parameter_columns``.  conditions: (n,) each, ``CONDITION_SERIES``; they are
-    held until all is steady.  rules: the user's, among them the plants.
-    """
+    """Find where plants rest under held conditions, (n,) each, and how they answer; equal ones are computed once."""
     controls_room = np.asarray(columns["controlled"]) == "T_room"
     if controls_room.any():
         return _plants_with_rooms(columns, conditions, controls_room, rules)
@@ -215,10 +204,7 @@ def _solve_own_plants(
 def _plants_with_rooms(
     columns: Columns, conditions: Mapping[str, Array], controls_room: Mask, rules: Mapping[str, Rule] | None
 ) -> Plants:
-    """``linearise_plants`` where rooms are controlled: the plant at the supply air that they need, and the room.
-
-    The room answers as it is marched, by Euler's step of a second: a first-order lag behind the supply air.
-    """
+    """``linearise_plants`` with rooms: the plant at the supply air that they need, then the room by Euler's step."""
     capacity, ua, cp_a = floats(columns, "room_capacity", "room_ua", "cp_a")
     C_air, T_set = np.asarray(conditions["m_a"]) * cp_a, np.asarray(conditions["T_set"], float)
     outside = ua * np.asarray(conditions["T_out"]) + np.asarray(conditions["Q_room"])  # kW, of a room at 0 °C
@@ -261,13 +247,10 @@ def distinct_plants(
 def loop_response(columns: Columns, plants: Plants, w: Array) -> Complex:
     """Open loop L(jω) at angular frequencies w, (n_w,), rad/s: (n, n_w).  NaN above π/sample_time.
 
-    L has PI, hold, gap, plant and sensor, with the sign with which the loop closes as 1 + L N = 0, where N is the
-    describing function of the gap, 1 without one.  A stem that follows its motor opens the valve by α = 1/(1 - X) per
-    stroke: that is in L.  The motor's rate limit, the inverse and resolutions are not.
-
-    It is the exact transfer function of the loop as it is sampled, C(z) P(z) at z = e^(jω ts): a sampled temperature
-    has been marched since the sample before, the integral takes in the new error before it is used, and P(z) is the
-    step-invariant transform of the response, aliases included.
+    L has PI, hold, α, plant and sensor, not the motor's rate limit, the inverse and resolutions; the loop closes as 1 +
+    L N = 0, where N is the describing function of the gap, 1 without one.  It is the exact transfer function of the
+    sampled loop, C(z) P(z) at z = e^(jω ts), aliases included: P(z) is the step-invariant transform of the response,
+    and the integral takes in the new error before it is used.
     """
     w = np.asarray(w, float)
     ts, kp, ti = floats(columns, "sample_time", "kp", "ti")

@@ -18,19 +18,14 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 
 class Prediction(NamedTuple):
-    """Prediction of a single loop at the operating points of a day.
-
-    plants: linear models of valve and plant.  cycles: hunting index, hunts, period and amplitude, (n_points,) each.
-    reachable_points: those at which the valve can hold the set-point and theory has a hunting index.  worst_point: the
-    one of them with the largest hunting index; -1 if there is none.
-    """
+    """Prediction of a single loop at the operating points of a day, (n_points,) each."""
 
     loop: Loop
     points: PointsOfDay
     plants: Plants
     cycles: Cycles
-    reachable_points: Index
-    worst_point: int
+    reachable_points: Index  # where the valve can hold the set-point and theory has a hunting index
+    worst_point: int  # that of them with the largest hunting index; -1 without one
 
     @property
     def hunting_index(self) -> float:
@@ -77,10 +72,7 @@ def predict_or_nearest(loop: Loop, points: PointsOfDay) -> tuple[Prediction, tup
 
 
 def predict_cycles_at(loop: Loop, plants: Plants, members: Index) -> Cycles:
-    """Predict cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
-
-    The sweep may change the controller and the backlash, which leave the plants as they are.
-    """
+    """Predict cycles of every scenario of a sweep of controllers and gaps at points, (n_scenarios, n_points) each."""
     n = math.prod(loop.sizes.values())
     columns = parameter_columns(loop.assign(error_dead_band=0.0), loop.sizes, np.repeat(np.arange(n), members.size))
     cycles = predict_cycles(columns, plants.select(np.tile(members, n)))
@@ -143,9 +135,8 @@ def plant_in_words(loop: Loop) -> str:
 def phase_shares(prediction: Prediction) -> xr.DataArray:
     """Phase lag of each part of the loop where it cycles, or is nearest to a cycle, degrees; 180 in all.
 
-    The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
-    in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the plant
-    all the rest.
+    Those of integral, sensor and hold are known in closed form; the backlash, with the inverse and the motor, takes
+    what the loop leaves until 180°, the plant the rest.
     """
     columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst_point
     ts, ti, tau = (float(columns[name][0]) for name in ("sample_time", "ti", "sensor_time_constant"))

@@ -1,8 +1,7 @@
 """Whose swing it is: the loop's own, regular or not, or that of air, water and set-point.
 
-A loop makes a swing itself where most of its twins swing too: the same loop with the same noise and the same running
-estimator, with air, water and set-point constant as at an hour and set-point of the day.  Texts on hunting quote
-``SwingVerdict``.
+A loop makes a swing itself where most of its twins swing too: the same loop, noise and running estimator, with air,
+water and set-point constant as at an hour and set-point of the day.
 """
 
 import math
@@ -11,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.text import format_kelvin, format_period
+from fastcoil.base.text import format_period, format_swing
 from fastcoil.design.operating_points import CONDITION_SERIES, operating_points
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
@@ -28,53 +27,46 @@ LEAST_REGULARITY = 2.0 / 3.0  # share of periods as long as the one before, in a
 
 
 class SwingVerdict(NamedTuple):
-    """Swing of a loop, and whose it is.
-
-    rings: whether a swing that the loop does not sustain is larger than what air, water and set-point would make of it.
-    swing, swing_alone: median peak to peak of T_sup, K, on the day and with air, water and set-point constant, NaN if
-    unknown.  period: s.  movers: what moves on the day, such as "the air flow".
-    """
+    """Swing of a loop, and whose it is."""
 
     is_own: bool
     is_regular: bool
-    swing: float
-    period: float
-    swing_alone: float = math.nan
-    movers: tuple[str, ...] = ()
-    rings: bool = False
+    swing: float  # median peak to peak of T_sup, K
+    period: float  # s
+    swing_alone: float = math.nan  # the same with air, water and set-point constant, NaN if unknown
+    movers: tuple[str, ...] = ()  # what moves on the day, such as "the air flow"
+    rings: bool = False  # whether a swing that the loop does not sustain is larger than air, water, set-point explain
 
     @property
     def size(self) -> str:
-        """Size and period, as in ``6.2 K every 2 min``."""
-        return f"{format_kelvin(self.swing)} every {format_period(self.period)}"
+        """Size and period, as in ``± 3.1 K every 2 min``."""
+        return f"{format_swing(self.swing)} every {format_period(self.period)}"
 
     @property
     def clause(self) -> str:
-        """What the loop does, as in ``the loop hunts: about 6.2 K every 2 min``."""
+        """What the loop does, as in ``the loop hunts: ± 3.1 K every 2 min``."""
         if not self.is_own:
             return "does not hunt"
         if self.is_regular:
-            return f"hunts: about {self.size}"
-        return f"keeps swinging, irregularly: about {format_kelvin(self.swing)}"
+            return f"hunts: {self.size}"
+        return f"keeps swinging, irregularly: about {format_swing(self.swing)}"
 
     @property
     def reason(self) -> str:
         """Whose swing it is, a sentence; empty for a regular swing of the loop, and for a calm one."""
         names = " or ".join([", ".join(self.movers[:-1]), *self.movers[-1:]] if self.movers[1:] else self.movers)
         if self.is_own and not self.is_regular and self.movers:
-            alone = f"with constant air, water and set-point it still swings by {format_kelvin(self.swing_alone)}"
+            alone = f"with constant air, water and set-point it still swings {format_swing(self.swing_alone)}"
             return f"It makes the swing itself: {alone}."
         if self.is_own or not self.swing > HUNTING_SWING_K or not names:
             return ""
         if self.rings:
-            return f"It rings: after changes of {names} T_sup swings by {self.size}, and comes to rest without them."
+            return f"It rings: after changes of {names} T_sup swings {self.size}, and comes to rest without them."
         verb, constant = ("do", "them") if self.movers[1:] else ("does", "that")
-        cause = f"T_sup swings by {self.size} because {names} {verb}"
+        cause = f"T_sup swings {self.size} because {names} {verb}"
         if self.swing_alone > self.swing:  # of a loop that learns its gap from what moves
             return f"{cause}."
-        rest = (
-            f"would swing by {format_kelvin(self.swing_alone)}" if self.swing_alone > HUNTING_SWING_K else "would not"
-        )
+        rest = f"would swing {format_swing(self.swing_alone)}" if self.swing_alone > HUNTING_SWING_K else "would not"
         return f"{cause}; with {constant} constant it {rest}."
 
 
@@ -103,10 +95,8 @@ def still_boundary(boundary: Boundary, warm_up: int) -> Boundary:
 def judge_by_twins(results: xr.Dataset, loop: Loop, boundary: Boundary, *, warm_up: int, **options: Any) -> xr.Dataset:
     """Replace ``hunts`` by whether a loop makes its swing itself; add ``swing_alone``, of its twins, and ``rings``.
 
-    Twins may not learn their gap, since nothing moves there: a loop that did swings less.  A loop rings where the
-    metric ``hunts`` of the day is 1 and its twins come to rest.
-
-    options: of ``simulate``, with which the results were computed.
+    Twins may not learn their gap, since nothing moves there.  A loop rings where it hunts on the day and its twins
+    rest.
     """
     alone = []
     for k, label in enumerate(boundary.day if boundary.has_day_dim else [None]):

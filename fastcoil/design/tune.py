@@ -56,12 +56,10 @@ def tune(
     evaluations
         Tunings that are tried, rounded to whole generations; the last quarter of them looks for the front of error
         against motor travel.
-    warm_up, replicates, progress
+    warm_up, replicates, n_jobs, progress
         As in ``simulate``.
     seed
         Of the measurement noise, of the valves that are set aside, and of the search.
-    n_jobs
-        Threads; all cores by default.  The result does not depend on it.
 
     Returns
     -------
@@ -206,14 +204,11 @@ def plan_generations(d: int, evaluations: int) -> tuple[int, int, int]:
 def evolve(score: Callable[[Array], Scores], first: Array, d: int, evaluations: int, seed: int) -> None:
     """Search the unit cube by differential evolution, a generation at a time; ``score`` keeps the results.
 
-    Storn and Price (1997), doi:10.1023/A:1008202821328: a trial point is the best one plus a scaled difference of two
-    others, mixed with the point that it may replace.  Of two points the one that breaks the limits less is better, then
-    the one with the lower goal: Deb (2000), doi:10.1016/S0045-7825(99)00389-8.  The last generations go along the
-    front.  SciPy implements the same idea; here the search depends on numpy's random numbers alone, so that another
-    version of SciPy repeats it.
+    Storn and Price (1997), doi:10.1023/A:1008202821328, with the rules of Deb (2000),
+    doi:10.1016/S0045-7825(99)00389-8, for limits.  The last generations go along the front.  SciPy implements the same
+    idea; here the search depends on numpy's random numbers alone.
 
-    score: points (n, d) → their scores.  first: points (n, d) to begin with, besides those that fill the cube.
-    evaluations: see ``plan_generations``.
+    score: points (n, d) → their scores.  first: points (n, d) to begin with.  evaluations: see ``plan_generations``.
     """
     rng = np.random.default_rng([seed, 2])
     size, for_goal, for_front = plan_generations(d, evaluations)

@@ -294,10 +294,7 @@ def simc_changes(group: Group, names: Sequence[str], warm_up: int) -> Changes:
 def simulate_group(
     request: TuningRequest, group: Group, changes: Changes, *, with_twins: bool = False
 ) -> dict[str, Array]:
-    """Simulate a group with changes of its loop: metric → (tuning, day, valve, replicate).
-
-    with_twins: see ``judge_by_twins``.
-    """
+    """Simulate a group with changes of its loop, and twins if asked for: metric → (tuning, day, valve, replicate)."""
     loop = group.loop.assign(**changes)
     options: dict[str, Any] = {name: getattr(request, name) for name in ("warm_up", "seed", "replicates", "n_jobs")}
     ds = simulate(loop, group.boundary, progress=False, **options)

@@ -44,10 +44,7 @@ def _hunts_in_many_cases(measures: xr.Dataset) -> bool:
 
 
 def contradiction_by_converged_march(limits: Sequence[Limit], held_out: xr.Dataset, converged: xr.Dataset) -> str:
-    """Sentence where the chosen settings stand otherwise with the converged march; empty where they do not.
-
-    converged: ``held_out`` simulated with that march.
-    """
+    """Sentence where the chosen settings stand otherwise with the converged march, in ``converged``; else empty."""
     chosen_pair = [ds.sel(tuning=CHOSEN, edge="value") for ds in (held_out, converged)]
     hunts, hunts_converged = map(_hunts_in_many_cases, chosen_pair)
     broken, broken_converged = (bool(list(_broken_limits(limits, ds))) for ds in (held_out, converged))

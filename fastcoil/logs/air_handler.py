@@ -12,8 +12,8 @@ from fastcoil.logs.cells import parse_cells
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions, find_columns, interpret_header
 from fastcoil.logs.join import find_value_columns, pivot_points
 from fastcoil.logs.log import CheckedLog, Log, check_table
-from fastcoil.logs.readings import detect_table_style
-from fastcoil.logs.series import COLUMNS, FRACTION, TEMPERATURE, TRAVEL
+from fastcoil.logs.readings import detect_table_style, propose_unit
+from fastcoil.logs.series import COLUMNS
 from fastcoil.logs.table import Table
 
 COILS = ("cooling", "heating", "preheat")
@@ -23,16 +23,11 @@ AIR_HANDLER_SPEC = ColumnSpec(
     required=("T_sup",), optional=(*COMMANDS, *_TEMPERATURES[1:], "m_a", "fan_speed", "enabled", "occupied"),
     measured=(*_TEMPERATURES, "m_a", "fan_speed"), rules="air_handler_rules", asked=("T_set", *COMMANDS),
 )  # fmt: skip
-_LEAST_FAHRENHEIT = 45.0  # median of the supply air, above which its numbers are °F: no coil blows 45 °C all the time
 
 
 @dataclass(frozen=True)
 class AirHandlerPoints:
-    """The points of an air handler in a log.
-
-    headers: of each point, by our names.  units: of each column whose header has none, proposed from its numbers.
-    notes: on proposed units.
-    """
+    """Points of an air handler in a log: headers by our names, units proposed for columns without, notes on them."""
 
     headers: dict[str, str]
     units: dict[str, str]
@@ -125,17 +120,12 @@ def _propose_units(table: Table, points: Mapping[str, int], options: ReadingOpti
             cells = parse_cells([row[column] for row in table.rows], style, is_switch=False)
             if not cells.units and np.isfinite(cells.values).any():
                 numbers[name] = cells.values[np.isfinite(cells.values)]
-    units: dict[str, str] = {}
+    units = {name: propose_unit(COLUMNS[name], values) for name, values in numbers.items()}
     temperatures = [name for name in _TEMPERATURES if name in numbers]
     sensors = [name for name in temperatures if not name.startswith("T_set")] or temperatures
-    medians = [float(np.median(numbers[name])) for name in sensors]
-    for name, values in numbers.items():
-        family = COLUMNS[name].units
-        if family is TEMPERATURE and medians:
-            units[name] = "degF" if max(medians) > _LEAST_FAHRENHEIT else "degC"
-        elif family in (TRAVEL, FRACTION):
-            units[name] = "1" if float(values.max()) <= 1.05 else "percent"  # readings may lie a little above 1
-    return units
+    is_fahrenheit = any(units[name] == "degF" for name in sensors)
+    units |= dict.fromkeys(temperatures, "degF" if is_fahrenheit else "degC")
+    return {name: unit for name, unit in units.items() if unit}
 
 
 def require_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:

@@ -1,9 +1,7 @@
 """How a log is to be read, and which of its columns holds which series, in which unit, with which status.
 
-A header of a building system, a Haystack name or a Brick class means a series only if that is beyond doubt.  It is
-split into words, each of which stands for words of ``names.toml``.  It is read as a series if it has the words of one,
-and no others but the unit of plant before them: ``AHU1 CHW VLV CMD``, ``discharge air temp sp``,
-``Supply_Air_Temperature_Setpoint``.  What else it says, such as that it is a schedule or a limit, forbids it.
+The words of a header, a Haystack name or a Brick class are looked up in ``names.toml``.  They mean a series only if
+they are those of one, and no others but the unit of plant before them: ``AHU1 CHW VLV CMD``.
 """
 
 import re
@@ -20,6 +18,7 @@ from fastcoil.logs.series import AIR_HANDLER_COLUMNS, COLUMNS, TIME_COLUMNS, VOC
 from fastcoil.logs.table import TIME_HEADERS, Table, has_name, normalise_header, split_label_and_unit
 from fastcoil.logs.timestamps import is_time, require_time_format, require_time_zone
 
+MAX_GAP_CURE = "give seconds, at least 1"
 _MAPPING_EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
 
@@ -44,14 +43,9 @@ class ColumnSpec(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """Options of reading a log, as of ``fc.read_log``, and how messages name them.
+    """Options of ``fc.read_log``, and how messages name them; None where the caller does not offer one."""
 
-    ``columns`` is None if the log has our names; ``constants``, ``drop`` and ``jumps`` where the caller does not offer
-    them.  refuse_gaps: refuse gaps and changes of batch.  reader: what the user calls: ``read_log`` or a command built
-    on it, the command ``join``, or a function with the arguments themselves.
-    """
-
-    columns: Mapping[str, str] | None = None
+    columns: Mapping[str, str] | None = None  # None also if the log has our names
     units: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, float] | None = None
     ignore: Sequence[str] = ()  # columns that are not read, by our names or by their headers
@@ -61,7 +55,8 @@ class ReadingOptions:
     time_format: str | None = None
     time_zone: str = ""
     month_first: bool = False  # whether the month comes before the day where a table does not show it
-    refuse_gaps: bool = False
+    refuse_gaps: bool = False  # and changes of batch
+    # what the user calls: ``read_log`` or a command built on it, ``join``, or a function with the arguments themselves
     reader: Literal["read_log", "join", "function"] = "function"
 
     def cure(self, argument: str, option: str) -> str:
@@ -90,7 +85,9 @@ def check_reading_options(check: arguments.Checks, **options: Any) -> ReadingOpt
         check(arguments.require_flag, "drop", options["drop"])
     if "jumps" in options:
         check(arguments.require_choice, "jumps", options["jumps"], ("refuse", "split"))
-    options["max_gap"] = check(require_max_gap, options["max_gap"])
+    options["max_gap"] = check.unless_none(
+        arguments.require_number, "max_gap", options["max_gap"], MAX_GAP_CURE, least=1.0
+    )
     check(require_name_mappings, **{name: options[name] for name in _MAPPING_EXAMPLES if name in options})
     options["time_format"] = check.unless_none(require_time_format, "time_format", options["time_format"])
     if "time_zone" in options:
@@ -110,13 +107,6 @@ def require_name_mappings(**mappings: Any) -> None:
             check.unless_none(arguments.require_mapping, name, value, cure, to_text=name != "constants")
 
 
-def require_max_gap(max_gap: Any) -> float | None:
-    """Require the longest step to be bridged; None passes."""
-    if max_gap is None:
-        return None
-    return arguments.require_number("max_gap", max_gap, "give seconds, at least 1", least=1.0)
-
-
 def require_log(name: str, source: Any) -> Any:
     """Require a log: the path of a CSV file, a Dataset, or a DataFrame."""
     if hasattr(type(source), "data_vars") or (hasattr(type(source), "iloc") and hasattr(type(source), "columns")):
@@ -130,6 +120,7 @@ _BACNET_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.
 _SET_POINT_PATTERN = re.compile(
     r"(?:(?<![A-Za-z])(?i:se?t)|(?<=[A-Za-z])Se?t|(?<=[A-Z])SE?T(?=P))[-_ ]*(?i:point|pnt|pt)(?![a-z])"
 )
+_OWN_SUPPLY_NAME = re.compile(r"^T_sup(?=[_ ])")  # as in T_sup_set, the set-point of our T_sup
 _BESIDE_SET_POINT_WORDS = frozenset({"", "setpoint", "supply", "air", "temp", "cooling", "heating", "coil", "position"})
 """Meanings beside which an unclear header may still be that of the set-point of the supply air temperature."""
 _WORD_PATTERN = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
@@ -146,6 +137,7 @@ class HeaderMeaning(NamedTuple):
 def interpret_header(header: str, rules: str = "rules") -> HeaderMeaning | None:
     """Interpret a header by its words; None if it means none of our columns, or has unknown words alone."""
     label, unit = split_label_and_unit(header)
+    label = _OWN_SUPPLY_NAME.sub("supply air temp ", label)
     text = _SET_POINT_PATTERN.sub(" setpoint ", _BACNET_ADDRESS.sub(" ", label))
     header_words = [word.lower() for word in _WORD_PATTERN.findall(text)]
     header_words += ["cfm"] * (unit is not None and unit.lower() == "cfm")

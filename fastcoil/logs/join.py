@@ -1,7 +1,4 @@
-"""A building's points, each logged at its own times, as one table: from several files, or from rows of one value each.
-
-Such rows have a time, the name of a point and its value, as historians write them.
-"""
+"""Points logged each at its own times, in several files or in rows of one value each, as one table."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -50,11 +47,7 @@ class Point(NamedTuple):
 
 
 def _find_change_points(points: Sequence[Point]) -> list[Point]:
-    """Mark the points that are written when they change.
-
-    Their steps are uneven or, as those of a fan by a schedule, at least five times those of the fastest point, and
-    there are few samples, or of a point that holds each is a change, to and fro between some values.
-    """
+    """Mark the points that are written when they change: by steps that are uneven, or few and far between."""
     median_steps = [float(np.median(np.diff(point.times))) if point.times.size > 1 else np.inf for point in points]
     marked = []
     for point, step in zip(points, median_steps, strict=True):
@@ -210,11 +203,10 @@ def join_points(
     Points that are written when they change hold until the next change, and so do commands, set-points and switches;
     others run straight between samples.  The clock runs while all points have values.
 
-    columns: our name → file, or header, or ``file:header``, for points that neither header nor file name names.
-    time_zone: of times that have none.  step: of the clock [s]; the usual step of the fastest point, rounded down, if
-    left out.  max_gap: longest time without a sample over which a point holds or runs straight [s]; if left out, three
-    usual steps for a point of regular samples, no limit for one that is written when it changes.  ignore: headers, or
-    our names, of columns that are not read.
+    columns: our name → file, header, or ``file:header``.  time_zone: of times that have none.  step: of the clock [s];
+    by default the usual step of the fastest point, rounded down.  max_gap: longest time without a sample over which a
+    point holds or runs straight [s]; by default three usual steps, no limit for a point that is written when it
+    changes.
     """
     reading: Any = {"columns": columns, "units": units, "time_format": time_format, "time_zone": time_zone or ""}
     points, notes = _read_files(paths, options := ReadingOptions(**reading, ignore=ignore, reader="join"))

@@ -223,9 +223,8 @@ class Log:
             if name not in data.units:
                 lines.append(f"{name} = {values[0]:g}, a constant")
                 continue
-            own = (
-                None if data.change_of_value else find_own_values(values, np.isfinite(values), holds=COLUMNS[name].hold)
-            )
+            holds = COLUMNS[name].hold
+            own = None if data.change_of_value else find_own_values(values, np.isfinite(values), holds=holds)
             rhythm = f", {own.describe(data.step)}" if own else ""
             lines.append(f"{name} [{data.units[name]}] from the column {data.headers[name]!r}{rhythm}")
         return lines + [f"Note: {note}" for note in data.notes]

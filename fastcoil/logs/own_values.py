@@ -38,10 +38,7 @@ class OwnValues(NamedTuple):
 
 
 def find_own_values(series: Array, is_usable: Mask, *, holds: bool) -> OwnValues | None:
-    """Find the rows with values of their own, if not each row has one.
-
-    is_usable: rows that may count, (n,).  holds: whether the point rests between changes, as a command does.
-    """
+    """Find the rows with values of their own among ``is_usable``; holds: whether the point rests between changes."""
     row_numbers = np.arange(series.size)
     with np.errstate(invalid="ignore"):
         is_new = np.abs(np.diff(series, prepend=series[0])) > _ROUND_OFF

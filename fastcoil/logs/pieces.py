@@ -1,7 +1,4 @@
-"""The time of a log: jumps, gaps, the unbroken pieces between, and its samples on 1-s steps.
-
-A log of changes has a row when a value has changed; its long steps are no gaps.
-"""
+"""The time of a log: jumps, gaps, the unbroken pieces between, and its samples on 1-s steps."""
 
 from collections.abc import Collection, Mapping
 
@@ -104,10 +101,7 @@ def number_pieces(
     table: Table, time: Array, values: Mapping[str, Array], options: ReadingOptions, notes: list[str], time_name: str,
     is_set_back: bool = False,
 ) -> tuple[Index, bool]:  # fmt: skip
-    """Number the unbroken pieces of a log, (n,) by row; also return whether its rows were written at changes.
-
-    is_set_back: whether time seems to go back since clocks were set back.
-    """
+    """Number the unbroken pieces of a log, (n,) by row; also return whether its rows were written at changes."""
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     is_new_batch = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     is_backward = (steps <= 0.0) & ~is_new_batch

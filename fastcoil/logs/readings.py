@@ -1,7 +1,4 @@
-"""The cells of the columns as checked numbers in our units, and what becomes of the bad ones.
-
-They are refused; or else measured ones are left out, single missing inputs bridged, and other rows cut, all counted.
-"""
+"""The cells of the columns as checked numbers in our units; bad ones are refused, left out, bridged or cut."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -15,8 +12,11 @@ from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import NumberStyle, ParsedCells, detect_number_style, parse_cells
 from fastcoil.logs.columns import ColumnSpec, ReadingOptions
-from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count
 from fastcoil.logs.table import Table
+
+from fastcoil.logs.series import (  # isort: skip
+    COLUMNS, FRACTION, TEMPERATURE, TRAVEL, Series, count_suffix, describe_first_row, format_count,
+)  # fmt: skip
 
 
 @dataclass
@@ -93,10 +93,9 @@ def read_columns(
 
 
 def _hold_between_changes(table: Table, series: Series, cells: ParsedCells, notes: list[str]) -> None:
-    """Fill the cells of a column that has values at changes only, and blanks between: each holds until the next.
+    """Fill the blank cells of a column that has values at changes only: each value holds until the next.
 
-    Most cells are blank, and a value differs from the one before it (of a switch mostly: some systems repeat it at
-    midnight).  Before its first change a switch was the other way.
+    Before its first change a switch was the other way.
     """
     rows = np.flatnonzero(np.isfinite(cells.values) & ~cells.has_bad_status)
     is_changed = np.diff(cells.values[rows]) != 0.0
@@ -217,6 +216,19 @@ def detect_table_style(table: Table, columns: Mapping[str, int]) -> NumberStyle:
     return style
 
 
+_LEAST_FAHRENHEIT = 45.0  # median of air, above which its numbers are °F: no coil blows 45 °C all the time
+
+
+def propose_unit(series: Series, values: Array) -> str:
+    """Propose the unit of a column that has none by its numbers; blank where they do not show it."""
+    if not np.isfinite(values).any() or series.name.startswith("T_w"):
+        return ""
+    if series.units is TEMPERATURE:
+        return "degF" if float(np.nanmedian(values)) > _LEAST_FAHRENHEIT else "degC"
+    is_share = series.units in (TRAVEL, FRACTION)
+    return ("1" if float(np.nanmax(values)) <= 1.05 else "percent") if is_share else ""  # readings lie a little above 1
+
+
 def _resolve_column_unit(
     table: Table, series: Series, column: int, cells: ParsedCells, options: ReadingOptions
 ) -> str | None:
@@ -227,7 +239,8 @@ def _resolve_column_unit(
     declared_units = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
     units = [*declared_units.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
     if not units and len(series.units) > 1:  # of a number without dimension the only unit is 1
-        cure = f"{table.unit_declaration_cure(column, 'UNIT')}, or use {options.unit_cure(series.name, 'UNIT')}"
+        unit = propose_unit(series, cells.values) or "UNIT"
+        cure = f"{table.unit_declaration_cure(column, unit)}, or use {options.unit_cure(series.name, unit)}"
         table.add_problem(f"{series.name} has no unit: {cure} ({series.known_units})", series.name, "unit")
         return None
     source, unit = units[0] if units else ("", "1")

@@ -1,7 +1,4 @@
-"""Every column that a log may have, once: name, meaning, units, bounds, and how it runs between samples.
-
-The checks of logs and of boundaries, and the attributes of a boundary's Dataset, derive from this table.
-"""
+"""Every column that a log or a boundary may have, once: name, meaning, units, bounds, how it runs between samples."""
 
 import math
 import re

@@ -1,8 +1,4 @@
-"""A CSV file or a Dataset as a table of text, with the mistakes found in it so far.
-
-The ``csv`` module splits the cells; the header is found among remarks, a row of units below it and a footer are
-recognised.  Rows are numbered as a spreadsheet numbers them: a header at the top is row 1.
-"""
+"""A CSV file or a Dataset as a table of text, rows numbered as in a spreadsheet, with its mistakes so far."""
 
 from __future__ import annotations
 
@@ -374,9 +370,8 @@ class Table:
 def table_from_data(source: Any, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
     """Convert a Dataset or DataFrame to a table whose rows count from 0, as in ``isel`` and ``iloc``.
 
-    Of a Dataset the variables with one of our ``names``, and those that ``columns`` (our name: its name) asks for; they
-    lie along one coordinate: ``elapsed_time``, or one of datetime64 called so, ``timestamp`` or ``time``.  Of a
-    DataFrame every column, named as in the header of a file, and an index that is named or of times.
+    Of a Dataset the variables with one of our ``names``, and those that ``columns`` (our name: its name) asks for,
+    along one coordinate of time; of a DataFrame every column, and an index that is named or of times.
     """
     if hasattr(source, "iloc"):
         kind, cure = "DataFrame", "name the column '{header} [{unit}]'"

@@ -1,8 +1,7 @@
 """The column ``timestamp`` as seconds: ISO 8601, a national form, serial days of a spreadsheet, epoch.
 
-National forms are 01/07/2024 8:05 PM, 01.07.2024 20:05, 01-Jul-24 20:05:00 PDT and the like; the order of day and month
-comes from numbers above 12, or from the order in which time goes on, and is refused where neither shows it.  Date and
-time of day may have a column each.
+The order of day and month comes from numbers above 12, or from the order in which time goes on, and is refused where
+neither shows it.  Date and time of day may have a column each.
 """
 
 import re
@@ -128,10 +127,7 @@ _NUMBER_KINDS = {
 def read_timestamps(
     cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str, *, month_first: bool = False
 ) -> Timestamps:
-    """Read the times in the cells of a column, in ``time_format`` or recognised; cure: advice with ``{format}``.
-
-    month_first: whether the month comes before the day where the cells do not show it.
-    """
+    """Read the times in the cells of a column, in ``time_format`` or recognised; cure: advice with ``{format}``."""
     if time_format in _NUMBER_KINDS:
         numbers = np.array([_parse_number_or_nan(cell) for cell in cells])
         stamps_by_kind = [kind.timestamps(numbers) for kind in _NUMBER_KINDS[time_format]]

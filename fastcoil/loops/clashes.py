@@ -1,8 +1,7 @@
 """Refusals before anything runs (parameters that clash, unstable coils), and warnings of days that do not suit.
 
-Stability is that of the explicit scheme of Eq (3) at dt = 1 s / substeps: every temperature remains a weighted mean of
-its neighbours, without overshoot, exactly if γ ≤ 1 and λ ≤ 1 in every control volume (γ: Courant number of the water,
-λ: rate of the metal).
+The explicit scheme of Eq (3) at dt = 1 s / substeps keeps every temperature a weighted mean of its neighbours exactly
+if γ ≤ 1 (Courant number of the water) and λ ≤ 1 (rate of the metal) in every control volume.
 """
 
 import warnings
@@ -306,11 +305,7 @@ _SCENARIOS_PER_CHUNK = 65536  # whose parameters are in memory
 
 
 def check_stability(layout: Layout) -> None:
-    """Refuse the whole study if one scenario violates γ ≤ 1 or λ ≤ 1.
-
-    Flows are the largest that can occur: water at full opening, air over the boundary's series.  The wet λ takes
-    dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
-    """
+    """Refuse the whole study if one scenario violates γ ≤ 1 or λ ≤ 1 at the largest flows of water and air."""
     _check_room_stability(layout)
     plants = used_choices(layout.loop, "plant")
     if "coil" not in plants:

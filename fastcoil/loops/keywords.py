@@ -1,7 +1,4 @@
-"""Parameters of a loop as keywords: the table in the docstring of ``Loop``; the stub beside this is for type checkers.
-
-Parameters of user rules are passed as ``loop.assign(**{"gain": 0.5})``.
-"""
+"""Parameters of a loop as keywords: the table in the docstring of ``Loop``; the stub beside this is for checkers."""
 
 import inspect
 from typing import Any, TypedDict, TypeVar

@@ -1,8 +1,4 @@
-"""Convert labelled input (DataArray, Series, DataFrame, numbers with a unit) to arrays in the units of the tables.
-
-Labels are honoured or refused, never ignored: units are converted, dims have known names, samples are 1 s apart in
-ascending order, and the time of the first one is kept for comparison with other data.  A bare array has no labels.
-"""
+"""Convert labelled input (arrays, Series, numbers with a unit) to arrays in our units; labels are never ignored."""
 
 import warnings
 from collections.abc import Mapping
@@ -37,10 +33,7 @@ def accepted_units(unit: str) -> Units:
 
 
 def as_data_array(name: str, value: Any, dim: str) -> xr.DataArray | None:
-    """Convert a labelled ``value`` to a DataArray, None if it is bare; ``dim``: of an axis without a name.
-
-    Numbers that a library keeps with their unit become bare, with the attribute ``units``.
-    """
+    """Convert a labelled ``value`` to a DataArray, None if it is bare; ``dim``: of an axis without a name."""
     array = _as_data_array(name, value, dim)
     unit = carried_unit(name, value if array is None or isinstance(value, pd.Series) else array)
     if unit is None or (array is not None and type(array.data) is np.ndarray and array.dtype != object):
@@ -111,10 +104,7 @@ def _from_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> x
 
 
 def convert_units(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
-    """Convert values to the first of ``units`` from the unit beside them, or in brackets in their name, if any.
-
-    A name such as ``ti_min``, whose last word may be their unit or not, is refused.
-    """
+    """Convert values to the first of ``units`` from the unit beside them or in their name; ``ti_min`` is refused."""
     label = "" if array.name is None else str(array.name)
     given_units = [unit for unit in (carried_unit(name, array), split_label_and_unit(label)[1]) if unit is not None]
     scales = {units[resolve_unit(name, unit or "1", units)] for unit in given_units}
@@ -144,10 +134,7 @@ class SeriesLabels(NamedTuple):
 
 
 def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
-    """Read the labels of a series along ``day`` and ``elapsed_time``; refuse other dims, and steps other than 1 s.
-
-    Whatever lies along ``elapsed_time`` has to be times, under any name, and all of them have to agree.
-    """
+    """Read the labels of a series along ``day`` and ``elapsed_time``; refuse other dims, and steps other than 1 s."""
     if not set(array.dims) <= {"day", "elapsed_time"}:
         sentence = f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day"
         raise InputError(sentence, name, "shape")
@@ -156,7 +143,7 @@ def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
     zones: dict[str, str] = {}
     for label, coord in array.coords.items():
         if "elapsed_time" in coord.dims and coord.size:
-            first = _read_times(str(label), coord.transpose(..., "elapsed_time"))[..., 0]
+            first = _read_times(name, str(label), coord.transpose(..., "elapsed_time"))[..., 0]
             if coord.dtype.kind == "M":
                 starts[str(label)], zones[str(label)] = first, coord.attrs.get("time_zone", "")
             else:
@@ -183,11 +170,11 @@ def read_series_labels(name: str, array: xr.DataArray) -> SeriesLabels:
     return SeriesLabels(array.sizes.get("elapsed_time"), array.sizes.get("day"), day, first_second, start, zone)
 
 
-def _read_times(name: str, coord: xr.DataArray) -> NDArray[Any]:
-    """Return dates, or seconds, along ``elapsed_time``, the last dim, checked to be 1 s apart."""
+def _read_times(argument: str, name: str, coord: xr.DataArray) -> NDArray[Any]:
+    """Return dates, or seconds, of an argument along ``elapsed_time``, the last dim, checked to be 1 s apart."""
     if coord.dtype.kind not in "mMiuf":
         cure = f"give the seconds 0, 1, ..., dates as datetime64, or drop_vars({name!r})"
-        raise InputError(f"{name} is of type {coord.dtype}: {cure}", name, "type")
+        raise InputError(f"{argument}: {name} is of type {coord.dtype}: {cure}", name, "type")
     is_number = coord.dtype.kind in "iuf"
     times = convert_units(name, coord, COLUMNS["elapsed_time"].units) if is_number else coord.values
     steps = np.diff(times).ravel() / (1.0 if is_number else np.timedelta64(1, "s"))

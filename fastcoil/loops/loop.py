@@ -69,14 +69,9 @@ class Loop:
     def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:
         """Return the loop of a result, or of a part of it such as ``ds.isel(backlash=3)``.
 
-        A parameter that the result does not hold takes its default, with a warning: either it was added after the
-        result was made, or its coordinate was dropped, as by ``ds.isel(backlash=3, drop=True)``.  A result holds the
-        names of user rules, not their code: give ``rules=[my_rule]``.
-
-        Raises
-        ------
-        InputError
-            If ``ds`` was not made by fastcoil, or has no labels along a dimension named after a parameter.
+        A parameter that the result does not hold, as after ``ds.isel(backlash=3, drop=True)``, takes its default, with
+        a warning.  User rules are stored by name only: give ``rules=[my_rule]``.  ``InputError`` if ``ds`` was not made
+        by fastcoil, or has no labels along a dimension named after a parameter.
         """
         require_instance("ds", ds, xr.Dataset, "give a result, or a part of one such as ds.isel(backlash=3)")
         if not isinstance(rules, (list, tuple)) or not all(isinstance(rule, Rule) for rule in rules):

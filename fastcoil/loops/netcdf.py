@@ -1,11 +1,10 @@
 """NetCDF files: the only module that calls the library to read or write results.
 
-Neither netCDF-C nor HDF5 may be called by two threads at a time: every call holds the lock of xarray's netcdf4 backend,
-for which a user's datasets wait as well; inside, xarray gets no lock, since this one is not reentrant.  Every file that
-is opened here is closed here: the garbage collector takes no lock.
+Neither netCDF-C nor HDF5 may be called by two threads at a time: every call holds the lock of xarray's netcdf4 backend;
+inside, xarray gets no lock, since this one is not reentrant.  Every file that is opened here is closed here.
 
-On damaged bytes the library may crash or hang, deaf to Ctrl-C.  A file with a recorded hash is parsed only if its bytes
-have that hash.  Any other file is first read to its end by a child process.  Traces are read on demand.
+Damaged bytes may crash or hang the library.  A file with a recorded hash is parsed only if its bytes have that hash;
+any other is first read to its end by a child process.
 """
 
 import hashlib
@@ -79,10 +78,7 @@ def write(
 
 
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
-    """Open a file by its name or from its bytes, with the lock held and after a check of their hash.
-
-    ``OSError``, ``RuntimeError`` or ``ValueError`` if it is no NetCDF file; damaged bytes may crash the library.
-    """
+    """Open a file by its name or from its bytes, with the lock held and after a check of their hash."""
     with _small_caches():
         if isinstance(source, (str, Path)):
             return netCDF4.Dataset(str(source))
@@ -178,11 +174,7 @@ def cut_into_pieces(shape: tuple[int, ...], max_values: int) -> Iterator[tuple[s
 
 
 def trace_slabs(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:
-    """Return the slabs of scenarios, over the first ``n_dims`` dims, in which a trace is written; and its chunk.
-
-    A chunk has neighbouring scenarios over a part of the time, so that neither one scenario at all times nor all
-    scenarios at one time need the whole file.
-    """
+    """Return the slabs of scenarios in which a trace is written, and its chunk: some scenarios at some times."""
     *volumes, n_points = shape[n_dims:] or (1,)
     values_per_point = math.prod(volumes)
     per_chunk = _CHUNK_VALUES // (values_per_point * min(n_points, _CHUNK_TIMES))
@@ -262,11 +254,7 @@ TraceLayout = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class StoredFile:
-    """A NetCDF file in the folder of a study.
-
-    accepted: SHA-256 that its bytes may have, compared before they are parsed, once in each process.  cure: what to do
-    if it is damaged.
-    """
+    """A NetCDF file in the folder of a study, and what to do if it is damaged; accepted: SHA-256 that it may have."""
 
     path: Path
     accepted: Collection[str]
@@ -351,10 +339,7 @@ def file_sha256(path: Path) -> str:
 
 
 def probe_file(path: Path, cure: str) -> StoredFile:
-    """Read a file to its end in a child process, once in each process; return it with the hash of its bytes.
-
-    cure: see ``StoredFile``.  ``IntegrityError`` if that fails or does not end, ``StorageError`` if it cannot be tried.
-    """
+    """Read a file to its end in a child process, once in each process; return it with the hash of its bytes."""
     identity = StoredFile(path, (), cure).identity()
     if identity not in _readable_files:
         seconds = int(30 + identity[2] / 5e6)  # far above what reading takes

@@ -1,7 +1,6 @@
 """Read every variable of a NetCDF file: the child process of ``probe_file``.
 
-Run by its path, with: name of the file, limits of seconds and of bytes of memory, ``sys.path`` as JSON.  On damaged
-bytes the library may crash, fill the memory or never return.
+Arguments: name of the file, limits of seconds and of bytes of memory, ``sys.path`` as JSON.
 """
 
 import json

@@ -158,11 +158,7 @@ class Plan:
     def disk_bytes(
         self, *, traces_kept: bool = True, metrics_left: float = 1.0, traces_left: float = 1.0
     ) -> tuple[int, int]:
-        """Return the disk space [bytes] of a study while it is merged, and afterwards.
-
-        Shards are not compressed, and exist until the results do; meanwhile metrics are joined, and each trace in turn.
-        metrics_left, traces_left: the share of bytes left after compression, see ``estimate_run_time``; by default all.
-        """
+        """Return the disk space [bytes] while a study is merged, and afterwards; shares that compression leaves."""
         traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
         left_bytes = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
         left_bytes += sum(values.nbytes for values in self.layout.loop.swept.values())
@@ -267,15 +263,11 @@ def _check_traces(check: arguments.Checks, traces: object) -> None:
 
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios that one worker runs: any of independent days, or some lanes on all days of a sequence.
+    """Scenarios that one worker runs: any of independent days, or some lanes on all days of a sequence."""
 
-    lanes: (n,), ascending: flat indices, or in a sequence (``n_per_day`` > 0) positions among the scenarios of a day.
-    first_day, end_day: of a sequence, the first day whose results are kept, and the end of the range.
-    """
-
-    lanes: np.ndarray
-    n_per_day: int = 0
-    first_day: int = 0
+    lanes: np.ndarray  # ascending: flat indices, or in a sequence positions among the scenarios of a day
+    n_per_day: int = 0  # of a sequence
+    first_day: int = 0  # of a sequence, whose results are kept
     end_day: int = 1
 
     @property

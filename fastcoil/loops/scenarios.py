@@ -44,11 +44,7 @@ def clock_coordinates(boundary: Boundary, elapsed_time: xr.Variable | None = Non
 
 
 class Layout:
-    """Dimensions of a study and the parameters of its scenarios by flat index (C order; the last dim is fastest).
-
-    ``day`` comes first if the boundary has that dimension, so that neighbours share a day, then the loop's own
-    dimensions, then ``replicate`` if there are several.
-    """
+    """Dimensions of a study and its parameters by flat index (C order): ``day``, the loop's own, ``replicate``."""
 
     def __init__(self, loop: Loop, boundary: Boundary, replicates: int = 1) -> None:
         if boundary.start is not None and (names := {*loop.sizes, *loop.swept} & set(CLOCK_COORDINATES)):
@@ -115,10 +111,8 @@ def parameter_columns(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -
 class Days:
     """Days of a boundary with their commands, (n_days, n_steps) or ``None``, warm-up and seed.
 
-    Each is made from the boundary on demand, and the last two are kept, for threads that work on neighbours: all days
-    would take the memory of the boundary once more.
-    carry_over: whether they are a sequence.  Then the warm-up counts on the first day only, the clock continues, and
-    the label of the first day keys the noise of all.
+    Each is made on demand; the last two are kept.  carry_over: whether they are a sequence, in which the warm-up counts
+    on the first day only, and the label of the first keys the noise of all.
     """
 
     def __init__(
@@ -217,11 +211,7 @@ _DIM_ATTRS = {
 def flat_dataset(
     index: np.ndarray, metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray], trace_interval: int
 ) -> xr.Dataset:
-    """Put the results of some scenarios into a Dataset along the dim ``scenario``.
-
-    index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
-    (n, N, n_points).
-    """
+    """Put metrics, (len(METRICS), n), and traces, (n, [N,] n_points), into a Dataset along ``scenario``."""
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
     variables: dict[str, Any] = {}
     for output, values in zip(METRICS.values(), metrics, strict=True):
@@ -245,10 +235,9 @@ def join_flat(
     parts: Iterable[xr.Dataset],
     allocate: Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray] = np.full,
 ) -> xr.Dataset:
-    """Join flat parts (see ``flat_dataset``) into one Dataset of all scenarios.
+    """Join flat parts (see ``flat_dataset``) into one Dataset of all scenarios, ``not_run`` where there is no part.
 
-    allocate: makes an array of a shape, value and type.  Scenarios without a part get the status ``not_run`` and NaN as
-    results.  ``IntegrityError`` if two parts hold the same scenario.
+    allocate: makes an array of a shape, value and type.  ``IntegrityError`` if two parts hold the same scenario.
     """
     variables: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
     coordinates: dict[Hashable, Any] = {}
@@ -276,11 +265,9 @@ def join_flat(
 
 
 def check_same_form(reference_part: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
-    """Refuse to join flat parts whose variables differ in name, type, dims, shape or labels.
+    """Refuse to join flat parts whose variables differ in form; return the part to compare the next one with.
 
-    reference_part: an earlier part, if there is one.  Crashed scenarios have no variables of a reduction, and are not
-    compared.  Returns the part to compare the next one with.  ``InputError`` if the variables of a reduction differ,
-    ``IntegrityError`` if anything else does, which no run writes.
+    Crashed scenarios have no variables of a reduction.  ``InputError`` if those differ, ``IntegrityError`` for others.
     """
     if reference_part is None or _is_crashed(reference_part):
         return part

@@ -1,7 +1,4 @@
-"""``simulate``: loops × days × replicates → Dataset.  Runs shards through the kernels on threads, estimates run times.
-
-A shard is the unit of scheduling and of progress; parameters exist only while the blocks that have them run.
-"""
+"""``simulate``: loops × days × replicates → Dataset.  Runs shards on threads, and estimates run times."""
 
 import concurrent.futures as cf
 import json
@@ -164,10 +161,7 @@ def _run_days_in_sequence(results: Results, plan: Plan, shard: Shard, places: np
 
 
 def estimate_run_time(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
-    """Estimate the seconds from the first scenario to results on the disk, with ``n_jobs`` threads, by running blocks.
-
-    Also returns the shares of the bytes of metrics, and of traces, that are left when these are compressed.
-    """
+    """Estimate the seconds of a run on ``n_jobs`` threads by running blocks, and the shares that compression leaves."""
     shards = cut_into_shards(plan, n_jobs)
     timed_shards = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, 3).astype(int))]
     # of a sequence the first day stands for all
@@ -249,8 +243,7 @@ def simulate(
     Raises
     ------
     InputError
-        With one sentence for each mistake in the arguments; for an unstable coil; for a result that does not fit in
-        memory.
+        With one sentence for each mistake in the arguments; for an unstable coil, or too large a result.
 
     References
     ----------

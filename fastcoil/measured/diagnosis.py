@@ -350,7 +350,7 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
         if at_times := _describe_hunting_at_times(diagnosis):
             return at_times
         is_moved = cause == CAUSE_DISTURBANCE
-        if reason := f"T_sup swings by {verdict.size}: {because}." if is_moved else verdict.reason:
+        if reason := f"T_sup swings {verdict.size}: {because}." if is_moved else verdict.reason:
             return f"{answer}.  {reason}"
         error = float(diagnosis.indices["error_rms_settled"])
         if cause == CAUSE_NONE:

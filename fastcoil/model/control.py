@@ -1,8 +1,4 @@
-"""The paper's controller, Figs 6 and 8, as scalar functions: the PI law, the backlash inverse behind it, its buffer.
-
-Also two alternatives to the inverse (half the gap added to u, an inverse without a jump), the buffer as a multiple of
-the noise, given or measured by the controller.
-"""
+"""The paper's controller, Figs 6 and 8, as scalar functions: PI law, backlash inverse and its alternatives, buffer."""
 
 import math
 
@@ -49,11 +45,7 @@ FALLING = -1.0
 
 @exact
 def next_mode(u, mode, u_ext, buffer):
-    """Mode at u: it turns when u comes back from its extreme by more than ``buffer``.
-
-    mode: RISING or FALLING; u_ext: furthest u since the last turn; buffer: fraction of stroke, 0 as in the
-    paper, 1e-9 so that round-off is no reversal.
-    """
+    """Mode, RISING or FALLING, at u: it turns when u comes back from its extreme u_ext by more than ``buffer``."""
     turned_down = mode > 0.0 and u < u_ext - buffer
     turned_up = mode < 0.0 and u > u_ext + buffer
     mode = FALLING if turned_down else mode
@@ -77,8 +69,7 @@ def inverse_command(u_ext, mode, x_hat):
 def additive_command(u_ext, mode, x_hat):
     """u_ext plus half the estimate x_hat in the direction of u, 0–1: Hägglund (2007), with δ = x̂.
 
-    As the inverse, but for the slow term x̂ (½ - u), which the integral part takes over.  The direction is the
-    buffered mode: the sign of du/dt would follow the noise.
+    The direction is the buffered mode: the sign of du/dt would follow the noise.
     """
     half = 0.5 * x_hat
     return clip01(u_ext + (half if mode > 0.0 else -half))
@@ -94,9 +85,8 @@ def smooth_steepness(rate, sample_time):
 def smooth_command(u, u_before, x_hat, steepness):
     """(1 - x̂) u + x̂ ½ (1 + tanh(k du/dt)) with k = 2/rate, 0–1: Zhou, Zhang and Wen (2007), Eqs 5–7.
 
-    du/dt is the change over one controller sample; steepness: of ``smooth_steepness``.  At ``rate`` 98 % of the gap has
-    been crossed, at a standstill the motor is in its middle.  The logistic function of 2 k du/dt is that tanh; exp
-    limits its argument, so nothing overflows.
+    du/dt is the change over one sample; steepness: of ``smooth_steepness``.  At ``rate`` 98 % of the gap has been
+    crossed.
     """
     crossed_share = 1.0 / (1.0 + exp(steepness * (u_before - u)))
     return clip01((1.0 - x_hat) * u + x_hat * crossed_share)
@@ -104,10 +94,7 @@ def smooth_command(u, u_before, x_hat, steepness):
 
 @exact
 def noise_buffer(least, ratio, kp, sigma, highest):
-    """Buffer: ``ratio`` times the noise K_p σ that a PI passes on to u, up to ``highest``, but at least ``least``.
-
-    sigma: K.  A ratio of 0 leaves ``least``.
-    """
+    """Buffer, ``least`` to ``highest``: ``ratio`` times the noise K_p σ that a PI passes on to u; sigma: K."""
     b = ratio * abs(kp) * sigma
     b = highest if b > highest else b
     return least if b < least else b
@@ -127,9 +114,8 @@ LEAST_MEDIAN_DIFFERENCE_K = 1e-3  # a median of 0 would never rise again: it mov
 def median_difference(median, readings, e, e_1, e_2):
     """Median size of the second differences of the error, K, after so many readings; e, e_1, e_2: the last three.
 
-    It goes up by a share of itself where the difference is larger, and down where it is smaller: by 1/readings, and by
-    1/100 at least.  A drift has no second difference, and one as large as after a step of the set-point counts like
-    any other; it would rule a mean of squares.
+    It goes up or down by a share of itself, 1/readings and 1/100 at least.  A drift has no second difference, and one
+    as large as after a step of the set-point, which would rule a mean of squares, counts like any other.
     """
     size = abs((e - e_1) - (e_1 - e_2))
     share = 1.0 / readings

@@ -1,11 +1,9 @@
 """When does a loop hunt?  The rule, for simulations and for replays of a log.
 
-Every 10 s of settled time T_sup - T_set, less its mean of some 300 s, is the swing.  It is compared with what entering
-air, water and set-point would make of it at a held opening, delayed as the coil may: a regression over each block of 20
-min finds how much of the swing they explain.  A block hunts where the rest is visible and not a small part of the
-swing; a loop hunts where half of its blocks do.  With constant inputs that is a swing of more than 0.1 K.
-
-The numbers were chosen on some loops and tested on others, see ``studies/hunting/verdict.py``.
+Every 10 s of settled time T_sup - T_set, less its mean of some 300 s, is the swing.  A regression over each 20 min
+finds how much of it entering air, water and set-point explain at a held opening, delayed as the coil may.  A block
+hunts where the rest is visible and not a small part of the swing; a loop hunts where half of its blocks do.  The
+numbers were chosen on some loops and tested on others, see ``studies/hunting/verdict.py``.
 """
 
 import numpy as np
@@ -59,10 +57,7 @@ def is_same_period(period: float, previous_period: float, sample_time: float) ->
 
 
 def judge_swing(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether loops hunt, 1 or 0, and the median swing of their blocks, K; both NaN without a block.
-
-    blocks: (n_blocks, N_SWING_ROWS, n_loops).
-    """
+    """Whether loops hunt, 1 or 0, and the median swing of ``blocks``, (n_blocks, N_SWING_ROWS, n_loops), K; or NaN."""
     if not len(blocks):
         return (np.full(blocks.shape[2], np.nan),) * 2
     swing = blocks[:, -2] - blocks[:, -1]

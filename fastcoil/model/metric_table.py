@@ -23,22 +23,17 @@ OFF_SET_POINT_ERROR_K = 0.5  # control error beyond which the supply temperature
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """One result variable.
-
-    ``long_name`` and ``comment`` are its attributes in a result, ``label`` is a few words for the axis of a figure.
-    ``difference`` marks temperature differences, ``per_volume`` a dim ``volume``, ``censored`` that NaN means "not
-    within the run"; ``flags`` are the meanings of a variable that is 0, 1, ….
-    """
+    """One result variable; ``long_name`` and ``comment`` are its attributes in a result."""
 
     name: str
     unit: str
     long_name: str
     comment: str = ""
-    difference: bool = False
-    per_volume: bool = False
-    flags: tuple[str, ...] = ()
-    label: str = ""
-    censored: bool = False
+    difference: bool = False  # of temperatures
+    per_volume: bool = False  # whether it has the dim ``volume``
+    flags: tuple[str, ...] = ()  # meanings of a variable that is 0, 1, …
+    label: str = ""  # a few words for the axis of a figure
+    censored: bool = False  # whether NaN means "not within the run"
 
 
 def read_output(name: str, *, flags: Sequence[str] = (), **fields: Any) -> Output:

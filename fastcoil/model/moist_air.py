@@ -1,15 +1,11 @@
 """Moist-air relations on NumPy arrays, for days, weather and logs.
 
-Sources: ASHRAE Handbook - Fundamentals (2017), chapter 1 (equation numbers below); Hyland & Wexler (1983).
-Temperatures are in degC, pressures in Pa, humidity ratios W in kg/kg dry air, enthalpies in kJ/kg dry air.
-Every function broadcasts its arguments and returns float64.
+Sources: ASHRAE Handbook - Fundamentals (2017), chapter 1 (equation numbers below); Hyland & Wexler (1983).  In degC,
+Pa, kg/kg dry air and kJ/kg dry air; every function broadcasts its arguments.
 
-Air on a cold surface is saturated *over ice* below 0.01 degC, the triple point, where eqs (5) and (6) meet to 6e-9.
-Between 0 and 0.01 degC this differs by 1e-4 at most from the handbook, which changes at 0 degC, with a jump.
-
-Relative humidity, dew point and wet bulb are *over liquid water at every temperature*: weather files and sensors mean
-that by convention (WMO-No. 8).  Below 0.01 degC the liquid curve is continued, within 0.3 % of Murphy & Koop (2005) for
-supercooled water down to -30 degC, and within 0.8 % at -40 degC.
+Air on a cold surface is saturated *over ice* below 0.01 degC, where eqs (5) and (6) meet; the handbook changes at 0
+degC, with a jump.  Relative humidity, dew point and wet bulb are *over liquid water at every temperature*, the
+convention of weather files and sensors (WMO-No. 8), within 0.3 % of Murphy & Koop (2005) down to -30 degC.
 """
 
 import numpy as np
@@ -89,10 +85,7 @@ def dew_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
 
 
 def wetting_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
-    """Temperature of a surface below which air of humidity ratio ``W`` wets or frosts it [degC].
-
-    The dew point or, below 0.01 degC, the frost point: the inverse of `saturation_humidity_ratio`.
-    """
+    """Temperature of a surface below which air of humidity ratio ``W`` wets or frosts it: dew or frost point [degC]."""
     T, log_p_w = dew_point(W, pressure), _log_vapour_pressure(W, pressure)
     T_frost = T
     for _ in range(5):  # from the dew point, at most 9 K away

@@ -1,9 +1,4 @@
-"""Table of all parameters, ``parameters.toml``: name, unit, bounds, default, meaning, and what theory makes of each.
-
-Kernel rows, ``Loop``, study files, the command line, the attributes of a result and the limits of ``limit_cycle`` and
-``explain`` derive from it, so a name is the same from the TOML key to the NetCDF coordinate.  The defaults are the
-preset ``paper_like``.
-"""
+"""Table of all parameters, ``parameters.toml``: name, unit, bounds, default, meaning, and what theory makes of each."""
 
 import math
 import sys
@@ -22,16 +17,11 @@ LARGEST_FLOAT = sys.float_info.max
 
 
 class Theory(NamedTuple):
-    """What the theory of a PI loop with a gap (``linearise``, ``limit_cycle``, ``explain``) makes of a parameter.
+    """What the theory of a PI loop with a gap (``linearise``, ``limit_cycle``, ``explain``) makes of a parameter."""
 
-    nearest: value in the nearest loop that theory covers; None where it covers the parameter as it is, or is not
-    affected by it.  clause: why it says nothing at other values and, behind a colon, what to do in Python; empty where
-    it covers them, too.  only_with: a parameter that must be above 0 for the clause to hold.
-    """
-
-    nearest: Scalar | None = None
-    clause: str = ""
-    only_with: str = ""
+    nearest: Scalar | None = None  # in the nearest loop that theory covers; None: as it is, or not affected by it
+    clause: str = ""  # why it says nothing at other values and, behind a colon, what to do; empty: it covers them
+    only_with: str = ""  # a parameter that must be above 0 for the clause to hold
 
 
 COVERED = Theory()  # of a parameter at any value

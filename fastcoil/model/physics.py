@@ -98,10 +98,7 @@ def water_flow(open, m_max, a, b, c):
 
 @scalar
 def leaky_flow(m_w, m_0, m_1, leakage):
-    """Water flow, kg/s, of a valve with the curve of Eq (2) that lets ``leakage`` of its full flow pass when closed.
-
-    m_w: flow of Eq (2) at the opening; m_0, m_1: the same closed and fully open, kg/s.  Eq (2) as printed leaks m_0.
-    """
+    """Water flow, kg/s, as m_w of Eq (2) from m_0 to m_1, but with ``leakage`` of its full flow when closed."""
     return m_1 * (leakage + (1.0 - leakage) * ((m_w - m_0) / (m_1 - m_0)))
 
 
@@ -161,8 +158,7 @@ def position_stem(position, stem, target, max_travel, band):
 def next_room_temperature(T_room, T_sup, C_air, T_out, UA, Q_room, capacity):
     """T_room[t+1], °C: a room as one capacity, kJ/K, with supply air C_air = m_a c_p,a and its envelope UA, kW/K.
 
-    capacity dT_room/dt = C_air (T_sup - T_room) + UA (T_out - T_room) + Q_room, by Euler's step of a second; Q_room in
-    kW.
+    capacity dT_room/dt = C_air (T_sup - T_room) + UA (T_out - T_room) + Q_room (kW), by Euler's step of a second.
     """
     return T_room + (C_air * (T_sup - T_room) + UA * (T_out - T_room) + Q_room) / capacity
 
@@ -309,10 +305,7 @@ def effectiveness(factor, exponent, m):
 
 @scalar
 def air_heat(wet, m_a, dT, dh, cp_a):
-    """Heat from the air into the metal, kW: by its fall in temperature, Eq (3), or, when wet, in enthalpy.
-
-    dT = ε_a (T_in - T_c), K; dh = ε_a* (h_in - h_s), kJ/kg, with h_s saturated at T_c.
-    """
+    """Heat from the air into the metal, kW, Eq (3); dT = ε_a (T_in - T_c), K, and, when wet, dh = ε_a* (h_in - h_s)."""
     return m_a * (dh if wet else cp_a * dT)
 
 

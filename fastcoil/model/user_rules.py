@@ -1,7 +1,4 @@
-"""``@fc.estimator``, ``@fc.law``, ``@fc.plant``: a plain function becomes a rule of the user.
-
-What parameters a rule may read and declare, the rule itself, and hashes that show whether it has changed.
-"""
+"""``@fc.estimator``, ``@fc.law``, ``@fc.plant``: a plain function becomes a rule of the user."""
 
 from __future__ import annotations
 
@@ -87,10 +84,7 @@ def _require_bound(name: str, value: object, no_bound: float) -> float:
 
 
 def declared_parameters(rule: str, kind: str, fields: Mapping[str, Any]) -> dict[str, Parameter]:
-    """Return the parameters that a rule declares; its other fields are parameters of the loop that it may read.
-
-    fields: name → default, ``None`` for a field without one.
-    """
+    """Return the parameters that a rule declares; fields: name → default, None for those of the loop that it reads."""
     unknown_groups = ESTIMATOR_GROUPS if kind == "plant" else (*_HIDDEN_GROUPS, *ESTIMATOR_GROUPS)
     parameters: dict[str, Parameter] = {}
     problems: list[str] = []
@@ -123,11 +117,7 @@ RULE_KINDS = ("estimator", "law", "plant")  # parameters of a loop that a rule c
 
 
 class Rule:
-    """A rule of the user.  Calling it calls the function that it was made from.
-
-    name: the word in the results.  kind: the parameter that it is a value of.  own: the parameters that it declares.
-    reads: those of the loop that it reads.  sha256: of its source, where it comes from a study file.
-    """
+    """A rule of the user, which calls its function.  own: parameters that it declares; reads: those of the loop."""
 
     def __init__(self, kind: str, name: str, own: Mapping[str, Parameter], reads: tuple[str, ...], sha256: str) -> None:
         self.kind, self.name, self.own, self.reads, self.sha256 = kind, name, dict(own), reads, sha256
@@ -264,20 +254,7 @@ def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: 
     It is called at every controller sample; in ``now``, ``T`` and ``e`` belong to this sample, ``u`` and what follows
     to the previous one.  Its u, the requested opening, is limited to 0–1; the inverse stays behind it.
 
-    Parameters
-    ----------
-    Parameters, Memory : type
-        As for ``fc.estimator``.
-
-    Returns
-    -------
-    callable
-        A decorator for the function.  The rule that it returns stands for the law in ``fc.Loop(law=…)``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the classes or the function.
+    Arguments and errors are as for ``fc.estimator``; the rule stands for the law in ``fc.Loop(law=…)``.
 
     Examples
     --------
@@ -304,20 +281,8 @@ def plant(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa
     were ``dead_time`` seconds ago (of the second before where that is 0); m_a [kg/s], T_a_in [°C], W_a_in and T_w_in
     [°C] of this second.  T is the temperature of what leaves, °C: T_sup.  Energy, frost and condensate are then NaN.
 
-    Parameters
-    ----------
-    Parameters, Memory : type
-        As for ``fc.estimator``; ``Parameters`` may also name parameters of the valve, such as ``m_max``.
-
-    Returns
-    -------
-    callable
-        A decorator for the function.  The rule that it returns stands for the plant in ``fc.Loop(plant=…)``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the classes or the function.
+    Arguments and errors are as for ``fc.estimator``; ``Parameters`` may also name parameters of the valve, such as
+    ``m_max``.  The rule stands for the plant in ``fc.Loop(plant=…)``.
 
     Examples
     --------
@@ -376,10 +341,7 @@ RuleHashes = Mapping[str, Mapping[str, str]]
 
 
 def hash_user_code(rules: Iterable[Rule], earlier: RuleHashes) -> RuleHashes:
-    """Return the hashes of the rules whose code has been run, next to those of earlier runs.
-
-    ``InputError`` for a rule that behaves otherwise than in these, though its source is the same.
-    """
+    """Return the hashes of the rules whose code has run, next to earlier ones; refuse a rule that behaves otherwise."""
     version = ".".join(platform.python_version_tuple()[:2])
     hashes = {rule.name: rule.code_sha256 for rule in rules if rule.is_loaded}
     raise_problems([

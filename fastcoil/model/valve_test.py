@@ -1,12 +1,11 @@
 """The valve test: a relay with ramps and holds in place of the PI, by which the temperature tells the gap.
 
-The command holds until the loop is calm (``settle``), then moves at a rate that the motor can follow in the direction
-that brings the temperature back to the set-point of the start.  When the temperature has passed it by a threshold, the
-command holds, turns and moves the other way, until the time is over.  Each turn crosses the gap once.  A ramp slower
-than the motor leaves its stroke time out of what the temperature tells.
+The command holds until the loop is calm, then moves slower than the motor towards the set-point of the start.  When the
+temperature has passed it by a threshold, the command holds, turns and moves the other way, until the time is over.
+Each turn crosses the gap once.
 
-Where the air flow is known, a test waits until it is calm, and is refused if it is not within an hour.  Where it
-changes during the test, the limit of the temperature is wider on the side to which that drives it.
+A test waits until a known air flow is calm, and is refused if it is not within an hour; where it changes later, the
+limit of the temperature is wider on that side.
 """
 
 from typing import NamedTuple
@@ -142,10 +141,9 @@ def next_ramp_rate(rate, overshoot, p):
 
 @exact
 def step_test(e, command, m_a, enabled, p, memory):
-    """Take one sample of the test: (command, Memory).
+    """Take one sample of the test: (command, Memory); PHASE_OFF after the last sample, and after an abort.
 
-    e: error from ``reference``, K, positive where the valve should open; more air makes it more positive.  The phase is
-    PHASE_OFF after the last sample, and after an abort.
+    e: error from ``reference``, K, positive where the valve should open; more air makes it more positive.
     """
     m = memory
     elapsed, phase_elapsed = m.elapsed + p.sample_time, m.phase_elapsed + p.sample_time

@@ -84,13 +84,10 @@ def verify(folder: Path) -> list[str]:
 def rerun(
     folder: Path, at: Mapping[str, str], prepare: Callable[[str, UserCode], object] = load_function
 ) -> tuple[Path, list[str]]:
-    """Run one scenario of a study again, with all traces at every second.
+    """Run one scenario of a study again, with all traces at every second; return the file, and the outcome in lines.
 
-    at: dimension → label, for every dimension with more than one.  prepare: loads user-defined estimators and laws; a
-    reduction is not run.  Returns the file written, and the outcome in lines of text.
-
-    ``InputError`` for a dimension or label that the study does not have.  ``IntegrityError`` if the study, or a file it
-    reads, changed since it was run.
+    at: dimension → label, for every dimension with more than one.  prepare: loads user-defined rules; a reduction is
+    not run.  ``IntegrityError`` if the study, or a file it reads, changed since it was run.
     """
     store = StudyFolder(folder)
     manifest = store.require_manifest()
@@ -125,10 +122,7 @@ def rerun(
 
 
 def _locate_scenario(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
-    """Find the scenario with the labels ``at``, given as text; a dimension of length 1 needs none.
-
-    Returns its flat index, its position along each dimension, and DIM=LABEL of each.
-    """
+    """Find a scenario by its labels ``at``: flat index, position along each dimension, and DIM=LABEL of each."""
     sizes = layout.sizes
     flat = np.arange(math.prod(sizes.values())).reshape(tuple(sizes.values()))
     ds = xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates())
@@ -164,10 +158,7 @@ def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[s
 
 
 class Scenario(NamedTuple):
-    """A single loop on a single day.
-
-    title: where it comes from, and its labels.  warm_up, seed: of the study.
-    """
+    """A single loop on a single day; title: where it comes from, and its labels."""
 
     title: str
     loop: Loop
@@ -179,13 +170,9 @@ class Scenario(NamedTuple):
 def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
     """Pick one scenario of a preset, a study or its results.
 
-    target: the name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
-    study file, run or not.  at: dimension → label, exactly as the study has it, for every dimension with more than
-    one.  changes: parameter → value, as text; they hold for the whole study, so that a dimension whose only parameter
-    is changed needs no label.
-
-    ``InputError`` with one sentence for each mistake, or where the scenario uses code that comes with the study.
-    ``IntegrityError`` if the study in a folder, or a file it reads, changed since it was run.
+    target: a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; a study file; or the folder of a study.
+    at: dimension → label, for every dimension with more than one.  changes: parameter → value, as text, for the whole
+    study, so that a dimension whose only parameter is changed needs no label.
     """
     title, plan = _load_target(target)
     loop, boundary = plan.layout.loop, plan.layout.boundary

@@ -55,9 +55,8 @@ def run_study(
 ) -> xr.Dataset:
     r"""Run a study file and return its results.
 
-    A study that is finished in ``out`` is only opened; one that was interrupted is resumed.
-
-    Code that comes with the study is run: the modules that ``reduce``, ``estimator`` and ``law`` name.
+    A study that is finished in ``out`` is only opened; one that was interrupted is resumed.  Code that comes with the
+    study is run: the modules that ``reduce``, ``estimator``, ``law`` and ``plant`` name.
 
     Parameters
     ----------
@@ -65,8 +64,8 @@ def run_study(
         The study's TOML file.
     out
         Folder of the results; ``results/NAME`` by default, with the name of the file.
-    n_jobs
-        Workers; all cores by default.  Results do not depend on it.
+    n_jobs, progress
+        As in ``simulate``.
     backend
         ``threads`` (default), ``loky`` (processes: one that crashes takes nothing else down) or ``dask``.  Results do
         not depend on it.
@@ -74,9 +73,6 @@ def run_study(
         Address of a dask scheduler, such as ``tcp://host:8786``; for the backend dask.
     extend
         Whether ``out`` may hold a smaller version of the study, all of which is kept.
-    progress
-        Whether to show how many scenario-days are done, on stderr: True always, False never; None on a terminal, after
-        2 s.
 
     Returns
     -------
@@ -134,9 +130,8 @@ def execute(
 ) -> FinishedStudy:
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
-    The study's own code has been loaded, as ``read_study`` does with ``prepare``.  ``progress`` is called when there is
-    work to do; with ``precision`` there is work again for more batches.  ``present`` gets the finished study while its
-    folder is still held, to write figures there.
+    ``read_study`` has loaded its code.  ``progress`` is called when there is work to do, with ``precision`` for more
+    batches again.  ``present`` gets the finished study while its folder is still held, to write figures there.
     """
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
@@ -169,10 +164,7 @@ def execute_slice(
     study: Study, folder: Path, job_slice: JobSlice, n_jobs: int | None = None, backend: str = "threads",
     scheduler: str | None = None, progress: ProgressStarter | None = None,
 ) -> int | None:  # fmt: skip
-    """Run a share of a study into ``folder``, where others run the rest; ``execute`` merges them.
-
-    Returns the number of scenarios that it ran, ``None`` if the study is finished there.
-    """
+    """Run a share of a study into ``folder``; return the number of scenarios run, None if it is finished there."""
     options = PoolOptions(backend, number_of_threads(n_jobs), scheduler)
     check_backend(backend, scheduler)
     if study.precision is not None:
@@ -207,13 +199,10 @@ def _run_and_merge(
         measured |= study.precision.result_attributes(ds)
     loop, boundary = plan.layout.loop, plan.layout.boundary
     if is_learning_study(loop):
-        options_of_plan: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
-        replicates = plan.layout.sizes.get("replicate", 1)
+        run_options: Any = {"warm_up": plan.warm_up, "seed": plan.seed, "carry_over": plan.carry_over}
+        run_options |= {"replicates": plan.layout.sizes.get("replicate", 1), "n_jobs": n_workers}
         measured["comparators"] = format_comparators(
-            lambda other: simulate(
-                other, boundary, replicates=replicates, n_jobs=n_workers, progress=False, **options_of_plan
-            ),
-            loop,
+            lambda other: simulate(other, boundary, progress=False, **run_options), loop
         )
     ds = publish_results(run, ds.assign_attrs(study_attributes(study, run.manifest, measured)))
     warn_saturated(plan.layout.loop, ds)
@@ -223,10 +212,7 @@ def _run_and_merge(
 def _run_missing(
     run: StudyRun, options: PoolOptions, progress: ProgressStarter | None, scope: str, n_all: int
 ) -> tuple[int, int]:
-    """Run the missing scenarios and commit their shards; return the numbers of scenarios and of workers.
-
-    n_all: number of scenarios of the study, or of a job slice.
-    """
+    """Run what is missing of ``n_all`` scenarios, commit shards; return the numbers of scenarios and workers."""
     study, plan, missing, n_workers = run.study, run.study.plan, run.missing, options.n_workers
     traces_kept = study.reduction is None
     disk_bytes, _ = plan.disk_bytes(traces_kept=traces_kept)

@@ -1,8 +1,7 @@
 """Shards on workers: threads, processes of this machine or a dask cluster, and what happens when one dies.
 
-A worker runs one shard of a ``Job`` at a time.  A pool takes shards as ``concurrent.futures`` do, and names in
-``worker_errors`` the exceptions that say that the worker of a shard is gone; pools differ only in what happens then.
-``run_shards`` hands them out and finds the scenarios that kill.
+A pool takes shards as ``concurrent.futures`` do, and names in ``worker_errors`` the exceptions that say that the worker
+of a shard is gone; pools differ only in what happens then.
 """
 
 from __future__ import annotations
@@ -88,10 +87,7 @@ def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
 
 
 def run_received_job(job: Job, shard: Shard, expected_id: tuple[str, str] | None = None) -> xr.Dataset:
-    """Run a shard of a job from another process, which has the code of its rules only as text.
-
-    expected_id: what ``environment_id`` must be; this worker may have joined after the others were checked.
-    """
+    """Run a shard of a job from another process, which has the code of its rules only as text."""
     if expected_id is not None and environment_id() != expected_id:
         sentence = "a worker that joined the dask cluster differs from the others in its version of fastcoil"
         cure = "use workers of one kind; finished scenarios are kept, run the same command again to resume"
@@ -152,11 +148,8 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
     """Run every shard and yield its flat results (see ``run_shard``).
 
     A shard that was in flight when a worker died is run again alone; one that takes its worker down once more is
-    halved, down to single scenarios, or days in sequence of a single loop.  These get the status ``crashed``, but not
-    before another result has shown that the workers are sound.
-
-    ``StorageError`` if the memory does not suffice for a single scenario.  ``FastcoilError`` if workers die repeatedly
-    without a result in between.
+    halved, down to single scenarios.  These get the status ``crashed``, but not before another result has shown that
+    the workers are sound.  ``FastcoilError`` if workers die repeatedly without a result in between.
     """
     waiting, retry = deque(shards), deque[Shard]()
     crashed: list[np.ndarray] = []
@@ -226,12 +219,9 @@ class Threads:
 
 
 class Loky:
-    """Processes: a scenario, or a user's reduction, that crashes takes only its worker down.
+    """Processes: a scenario, or a user's reduction, that crashes takes only its worker and what is in flight down.
 
-    What is in flight then fails, and the next shard is given to new workers.
-
-    Job and shards go through files: the library writes into a pipe, and waits for ever if the process is dead before it
-    has read all of it.
+    Job and shards go through files: the library's pipe waits for ever if a process dies before it has read all of it.
     """
 
     worker_errors: tuple[type[BaseException], ...] = (cf.BrokenExecutor, MemoryError)
@@ -364,7 +354,5 @@ def check_backend(backend: str, scheduler: str | None) -> None:
         cure = "give its address, such as tcp://host:8786; on this machine alone, loky does the same"
         raise errors.InputError(f"backend = 'dask' without scheduler: {cure}", "scheduler", "missing")
     if backend != "dask" and scheduler is not None:
-        sentence = (
-            f"scheduler = {errors.short_repr(scheduler)}: only the backend dask has one, choose it or leave it out"
-        )
-        raise errors.InputError(sentence, "scheduler", "conflict")
+        sentence = f"scheduler = {errors.short_repr(scheduler)}: only the backend dask has one"
+        raise errors.InputError(f"{sentence}, choose it or leave it out", "scheduler", "conflict")

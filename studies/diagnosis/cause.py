@@ -1,8 +1,8 @@
 """Why does a loop swing?  What a trend log alone shows, against simulations in which the cause is known.
 
-Valves and loops are drawn so that about half of them hunt.  Each is
-simulated as it is, without its backlash, and, on days whose water or air swings, without that swing: so it is known
-whether it hunts, and of what.  ``fc.diagnose`` sees the log of the first simulation only.
+Valves and loops are drawn so that about half of them hunt.  Each is simulated as it is, without its backlash, and, on
+days whose water or air swings, without that swing: so it is known whether it hunts, and of what.  The gap is the cause
+where the loop swings less than half as much without it.  ``fc.diagnose`` sees the log of the first simulation only.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
+from fastcoil.design.swing_verdict import LEAST_REGULARITY
 from fastcoil.measured.identify import GOOD_BACKLASH, SIZE_TOLERANCE
+from fastcoil.measured.triage import LEAST_HOURLY_SWING_K
 from studies.common import HEATING_GAIN, compare_rows, draw_loguniform, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, loop_settings, make_days
 from studies.diagnosis.diagnosis import share_or_none
@@ -74,6 +76,12 @@ def swinging_days(day: fc.Boundary, seed: int, n: int) -> list[fc.Boundary]:
     return days
 
 
+def swings_in_logs(ds: xr.Dataset) -> np.ndarray:
+    """Swing of each loop, K peak to peak, 0 of those that ``fc.diagnose`` takes for calm or noisy."""
+    is_regular = (ds.swing_regularity >= LEAST_REGULARITY) | (ds.hunting_swing >= LEAST_HOURLY_SWING_K)
+    return np.asarray(ds.hunting_swing.where((ds.hunts > 0.0) & is_regular, 0.0))
+
+
 def simulate_logs(
     kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY_SEED, test: fc.ValveTest | None = None
 ) -> Logs:  # fmt: skip
@@ -109,19 +117,13 @@ def simulate_logs(
         logged = [tested.isel(sample=k) for k in range(n)]
     causes = []
     for k in range(n):
-        hunts_undisturbed, hunts_without_gap = bool(undisturbed.hunts[k]), bool(without_gap.hunts[k])
+        swings, swings_without_gap = swings_in_logs(undisturbed)[k], swings_in_logs(without_gap)[k]
         is_forced = kind == SWINGING and VISIBLE_STD < float(
             (disturbed[k].T_measured - undisturbed.T_measured[k]).std()
         )
-        causes.append(
-            "tuning"
-            if hunts_without_gap
-            else "backlash"
-            if hunts_undisturbed
-            else "disturbance"
-            if is_forced
-            else "none"
-        )
+        is_gap = swings > 2.0 * swings_without_gap
+        own_cause = "backlash" if is_gap else "tuning" if max(swings, swings_without_gap) > 0.0 else ""
+        causes.append(own_cause or ("disturbance" if is_forced else "none"))
     valve_logs = []
     for ds, boundary in zip(logged, days, strict=True):
         T_set = boundary.series["T_set"][0, ::LOG_INTERVAL]

@@ -205,7 +205,7 @@ def sizing_rows() -> list[list[str]]:
 
 
 def choose_gains(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float, float]]:
-    """Choose the pair of gains that settles soonest without much overshoot; rows of all pairs for both coils."""
+    """Find the pair of gains that settles soonest without much overshoot; rows of all pairs for both coils."""
     responses = []
     for name in PRESETS:
         loop = good_valve_loop(name)
@@ -214,12 +214,14 @@ def choose_gains(size: int = SEARCH_SIZE) -> tuple[list[list[str]], tuple[float,
     settling = [r.settling.quantile(0.95, "day") for r in responses]
     is_calm = (overshoot[0] <= MOST_OVERSHOOT) & (overshoot[1] <= MOST_OVERSHOOT)
     slowest = np.maximum(settling[0], settling[1])
+    preset_gains = fc.Loop.preset("heating")["kp"], fc.Loop.preset("heating")["ti"]
     best_index = slowest.where(is_calm).argmin(["kp", "ti"])
     best = KP[int(best_index["kp"])], TI[int(best_index["ti"])]
     rows = [
         [f"{kp:g}", f"{ti:g}", *(f"{float(o.sel(kp=kp, ti=ti)):.0%}, {float(s.sel(kp=kp, ti=ti)):.0f}"
                                  for o, s in zip(overshoot, settling, strict=True)),
-         "chosen" if (kp, ti) == best else ("yes" if bool(is_calm.sel(kp=kp, ti=ti)) else "no")]
+         ("yes" if bool(is_calm.sel(kp=kp, ti=ti)) else "no")
+         + ", settles soonest" * ((kp, ti) == best) + ", the presets" * ((kp, ti) == preset_gains)]
         for kp in KP for ti in TI
         if abs(float(slowest.sel(kp=kp, ti=ti)) / float(slowest.isel(best_index)) - 1.0) < 0.25
     ]  # fmt: skip
@@ -278,11 +280,11 @@ def main() -> None:
         "heating/heating_choice",
         f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP_SIZE:g} K "
         "and "
-        "settling time to 5 % of it in s, both the 95 % quantile; pairs that settle about as fast as the chosen pair",
+        "settling time to 5 % of it in s, both the 95 % quantile; pairs that settle about as fast as the soonest",
         ["kp, 1/K", "ti, s", "`heating`", "`heating_45`", f"overshoot up to {MOST_OVERSHOOT:.0%} on both"],
         rows,
     )
-    print("chosen:", *best)
+    print("settles soonest:", *best)
     write_table(
         "heating/heating_fresh",
         f"The heating presets on {FRESH_SIZE} fresh conditions, and the gains of the cooling presets on the same "

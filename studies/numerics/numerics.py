@@ -150,6 +150,7 @@ def write_backlash(ds: xr.Dataset) -> None:
         (
             [name, f"{x:.0%}"]
             + [" → ".join(form.format(float(way[metric].sel(preset=name, backlash=x).mean())) for way in ways)
+               .replace("nan", "–")
                for metric, form in forms.items()]
             for name in map(str, ds.preset.values)
             for x in BACKLASH

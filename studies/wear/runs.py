@@ -20,6 +20,7 @@ from studies.days import CONSTANT, HEATING, STEPPED, WEATHER_FILE, loop_settings
 from studies.learning.learners_runs import RELATIVE_TOLERANCE, ROUND_OFF, STROKE_TOLERANCE
 from studies.remedies.runs import select_loop
 from studies.robustness.best_pi import simc_gains
+from studies.year import operation
 
 STUDY = STUDIES / "wear" / "wear.toml"
 PI, KNOWN_ONCE = "pi", "known_once"
@@ -117,7 +118,7 @@ def weather_year(seed: int, days: list[int] | None = None) -> fc.Boundary:
     """Days of the weather file with a fixed set-point, of 24 h each; all of the year without ``days``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return fc.weather_year(
+        return operation.weather_year(
             WEATHER_FILE, year=2023, set_point="fixed", T_set=13.0, fan_hours=FAN_HOURS, weekend_fan_hours=FAN_HOURS,
             days=days,
             seed=seed,

@@ -1,10 +1,13 @@
 """What backlash costs in a year of weather, what its wear adds, and what an estimator gives back: tables and a figure.
 
-``fastcoil run studies/year/year.toml`` runs the year, ``python -m studies year`` reads it.  Every loop is compared with
-itself with a sound valve under the same controller, and under plain PI.
+The loops are those of year.toml, the days those of ``operation``.  Every loop is compared with itself with a sound
+valve under the same controller, and under plain PI.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,17 +17,30 @@ from matplotlib.dates import DateFormatter, MonthLocator
 import fastcoil as fc
 from fastcoil.base.figures import COLOURS, apply_style
 from fastcoil.study.analysis.paired import MedianSummary, summarise_median
-from studies.common import results, save_figure, share_of, write_table
+from fastcoil.study.file.spec import read_study
+from studies.common import save_figure, share_of, study_file, write_table
+from studies.days import WEATHER_FILE
+from studies.year.operation import weather_year
 
 NO_SAMPLE = "each row summarises a whole year of all loops, from a weather file"
 PI, SOUND = "pi", "sound"
 CONTROLLER_LABELS = {"pi": "plain PI", "hagglund": "Hägglund", "identify": "identify"}
 LEAST_ERROR = 0.01
 """Fraction of stroke by which an estimate may always be wrong, and the rise of an error that counts as harm."""
+YEAR = 2023  # whose days of the week count
 LAST_QUARTER = 91  # days at the end of the year that are counted apart
 TARIFF = {"electricity": 0.13, "demand": 15.0, "heat": 0.05}
 """USD per kWh of electricity, per kW of the highest 15-min mean of a month, per kWh of reheat."""
 COST_PARTS = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
+
+
+def simulate_year(
+    weather: Path = WEATHER_FILE, days: Sequence[int] | None = None, study: Path | None = None
+) -> xr.Dataset:
+    """Simulate the loops of year.toml through a year of weather, every day from the end of the one before."""
+    loop = read_study(study or study_file("year")).plan.layout.loop
+    year = weather_year(weather, year=YEAR, days=days, set_point="trim_and_respond")
+    return fc.simulate(loop, year, carry_over=True)
 
 
 def format_money(summary: MedianSummary) -> str:
@@ -148,7 +164,7 @@ def draw_figure(ds: xr.Dataset) -> None:
 
 def main() -> None:
     """Write the tables and the figure."""
-    ds = results("year")
+    ds = simulate_year()
     write_table(
         "year/year_cost",
         "Extra cost of a loop per year, compared with the same loop with a sound valve under plain PI, USD: median "

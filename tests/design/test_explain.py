@@ -50,7 +50,7 @@ def test_the_loop_as_it_is_and_with_a_cure_is_what_simulate_gives(hunting):
 def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change(hunting):
     swing, period = float(hunting.cures["hunting_swing"][0]), float(hunting.cures["hunting_period"][0])
     first, why = hunting.text.splitlines()[:2]
-    assert first == f"This loop hunts: about {swing:.2g} K every {period / 60:.2g} min."
+    assert first == f"This loop hunts: ± {swing / 2:.2g} K every {period / 60:.2g} min."
     ti = float(hunting.cures.sel(cure="longer_ti")["ti"])
     index = f"hunting index {hunting.hunting_index:.2g};"
     assert f"ti = 10 s, while with this kp the loop needs about {ti:g} s ({index}" in why

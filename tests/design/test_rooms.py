@@ -95,3 +95,18 @@ def test_a_band_that_the_motor_may_jump_over_is_warned_of_and_makes_it_run_to_an
 )  # fmt: skip
 def test_what_a_loop_does_not_have_is_refused(values, field, code):
     assert_refused(field, code, fc.simulate, fc.Loop(**values), fc.constant_day(hours=2))
+
+
+def test_a_tuning_of_rooms_is_judged_by_what_simulate_gives():
+    setback = np.where(np.arange(8 * 3600) < 4 * 3600, 19.0, 21.0)
+    day, other_day = (fc.constant_day(hours=8, **{**WINTER, "T_set": setback, "T_out": T}) for T in (2.0, -1.0))
+    loop = fc.Loop.preset("reheat").assign(backlash=0.07, kp=0.02, ti=3600.0)
+    search = {"kp": (0.02, 0.5), "ti": (300.0, 3600.0)}
+    tuning = fc.tune(loop, day, search=search, holdout=other_day, warm_up=3600, evaluations=12, n_jobs=1)
+    errors = {
+        name: float(fc.simulate(each, other_day, warm_up=3600, n_jobs=1).rmse)
+        for name, each in {"now": loop, "chosen": loop.assign(**tuning.parameters)}.items()
+    }
+    held_out = tuning.held_out["rmse_p95"].sel(edge="value")
+    assert {name: float(held_out.sel(tuning=name)) for name in errors} == pytest.approx(errors, rel=1e-12)
+    assert errors["chosen"] < 0.8 * errors["now"]

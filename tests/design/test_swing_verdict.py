@@ -45,25 +45,25 @@ def test_the_twins_of_a_day_stand_still_at_its_hours_and_set_points_and_keep_the
 @pytest.mark.kernel
 def test_a_cycle_of_three_samples_hunts():
     e = fc.explain(fc.Loop.preset("paper_like").assign(backlash=0.1, kp=0.059, ti=5.4), fc.constant_day(hours=8))
-    assert e.answer == "This loop hunts: about 4.1 K every 90 s."
+    assert e.answer == "This loop hunts: ± 2 K every 90 s."
 
 
 @pytest.mark.kernel
 def test_a_loop_that_swings_irregularly_makes_its_swing():
     e = fc.explain(fc.Loop.preset("lbnl").assign(backlash=0.09, kp=0.03, ti=13.0), fc.paper_day(hours=8))
-    assert e.answer.startswith("This loop keeps swinging, irregularly: about 0.96 K.  It makes the swing itself: ")
-    assert "with constant air, water and set-point it still swings by 1 K." in e.answer
+    assert e.answer.startswith("This loop keeps swinging, irregularly: about ± 0.48 K.  It makes the swing itself: ")
+    assert "with constant air, water and set-point it still swings ± 0.51 K." in e.answer
 
 
 @pytest.mark.kernel
 def test_no_cure_that_is_calmer_makes_a_loop_hunt_that_swings_until_it_has_learned_its_gap():
     loop = fc.Loop.preset("lbnl").assign(kp=0.03, ti=10.0, estimator="identify")
     e = fc.explain(loop, fc.paper_day(hours=2))
-    assert e.answer.startswith("This loop hunts: about 3.2 K every 2.8 min.")
+    assert e.answer.startswith("This loop hunts: ± 1.6 K every 2.8 min.")
     swing = e.cures["hunting_swing"].values
     assert "makes it hunt" not in e.cures["verdict"].values[swing <= swing[0]]
     assert e.cures["verdict"].sel(cure="simc") == "cures it"
-    assert fc.explain(loop, fc.paper_day(hours=8)).answer.startswith("This loop does not hunt.  T_sup swings by 0.1")
+    assert fc.explain(loop, fc.paper_day(hours=8)).answer.startswith("This loop does not hunt.  T_sup swings ± 0.07")
 
 
 @pytest.mark.kernel
@@ -78,7 +78,7 @@ def test_a_loop_that_follows_the_air_flow_does_not_hunt_and_swings_because_the_a
     assert float(held["hunting_swing"]) > swing
     assert float(fc.simulate(loop, still)["hunting_swing"]) < 0.01
     because = "because the air flow does; with that constant it would not."
-    assert e.answer == f"This loop does not hunt.  T_sup swings by {swing:.2g} K every 10 min {because}"
+    assert e.answer == f"This loop does not hunt.  T_sup swings ± {swing / 2:.2g} K every 10 min {because}"
     assert not (e.cures["hunts"] > 0.0).any()
 
 
@@ -91,7 +91,7 @@ def test_a_loop_that_changes_start_and_that_comes_to_rest_without_them_rings():
     assert e.answer.startswith(
         "This loop does not hunt, although theory predicts that it may.  It rings: after changes "
     )
-    assert f"T_sup swings by {swing:.2g} K every {period / 60:.2g} min, and comes to rest" in e.answer
+    assert f"T_sup swings ± {swing / 2:.2g} K every {period / 60:.2g} min, and comes to rest" in e.answer
     assert "It rings" not in fc.explain(loop.assign(ti=47.0), fc.paper_day(hours=8)).answer
 
 

@@ -152,7 +152,6 @@ def base_calls(tmp_path_factory, cheap):
         "time_quantiles": (fc.time_quantiles, {"times": ds.rmse, "over": "replicate"}),
         "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "days": 1, "hour": 2, **plant, **days}),
-        "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),
     }
 
 

@@ -167,7 +167,12 @@ def test_a_frame_of_values_with_an_index_of_times_is_read_as_its_file(tmp_path):
         assert_same(read_checked_log(source, WANTED, ReadingOptions(drop=False)))
 
 
-@pytest.mark.parametrize("header", ["Setpoint", "T_sup_set", "SupplyAirTempMySP", "Cooling SP"])
+def test_the_set_point_of_our_own_name_is_read_with_any_unit():
+    headers = [interpret_header(header) for header in ("T_sup_set", "T_sup_set_C", "T_sup_setpoint [degF]", "T_sup SP")]
+    assert {(meaning.name, meaning.is_clear) for meaning in headers} == {("T_set", True)}
+
+
+@pytest.mark.parametrize("header", ["Setpoint", "SupplyAirTempMySP", "Cooling SP"])
 def test_what_may_be_the_set_point_is_asked_about_or_left_out_on_demand(tmp_path, header):
     text = table_text(f"TIMESTAMP,CLG VLV [%],SAT [degC],{header} [degC]", ISO, COMMAND, T_SUP, T_SET)
     assert_refused("T_set", "missing", read, tmp_path, text)

@@ -12,6 +12,7 @@ from fastcoil.logs import ReadingOptions, read_checked_log
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.join import join_points
 from fastcoil.logs.plausibility import find_misread_units
+from fastcoil.logs.readings import propose_unit
 from fastcoil.logs.series import COLUMNS
 from fastcoil.model.moist_air import humidity_ratio
 
@@ -251,6 +252,19 @@ def test_a_log_without_units_is_asked_for_each(tmp_path):
     log = sound_log(np.random.default_rng(0))
     mistakes = [("timestamp", "time"), *((name, "unit") for name in log)]
     assert_mistakes(mistakes, read, tmp_path, log_text(log, {}).replace("2024-07-25T08:05:00", "?"), log)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "unit"),
+    [
+        ("command", [0.0, 0.4, 1.0], "1"), ("command", [0.0, 40.0, 100.0], "percent"),
+        ("T_sup", [12.0, 14.0, 16.0], "degC"), ("T_sup", [54.0, 58.0, np.nan], "degF"),
+        ("T_w_in", [60.0, 61.0], ""), ("m_a", [1.0, 1.2], ""), ("T_set", [np.nan], ""),
+    ],
+)  # fmt: skip
+def test_a_missing_unit_is_proposed_where_the_numbers_show_it(name, values, unit):
+    """Hot water in degC looks like cold air in degF, and a flow may be in anything."""
+    assert propose_unit(COLUMNS[name], np.array(values)) == unit
 
 
 @pytest.mark.kernel

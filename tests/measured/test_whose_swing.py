@@ -25,19 +25,19 @@ def swing_line(loop, day, with_inputs=True):
 def test_a_regular_swing_of_the_loop_is_hunting_whatever_else_is_logged():
     for with_inputs in (True, False):
         _, line = swing_line(GOOD.assign(backlash=0.07, kp=0.04, ti=10.0), STILL, with_inputs)
-        assert line.startswith("This loop hunts: about 6.2 K every 2.7 min, caused by the tuning: ")
+        assert line.startswith("This loop hunts: ± 3.1 K every 2.7 min, caused by the tuning: ")
 
 
 def test_a_regular_swing_that_the_logged_air_explains_is_not_the_loops_and_its_gains_stay():
     d, line = swing_line(GOOD, STILL.assign(m_a=1.15 * (1.0 + 0.2 * np.sin(2.0 * np.pi * SECONDS / 600.0))))
-    assert line == "This loop does not hunt.  T_sup swings by 1 K every 10 min: the logged air and water explain it."
+    assert line == "This loop does not hunt.  T_sup swings ± 0.52 K every 10 min: the logged air and water explain it."
     assert (d.cause, d.is_own) == ("disturbance", 0.0)
     assert d.advice.reason == "Leave the gains: the swing comes from outside the loop."
 
 
 def test_an_irregular_swing_is_the_airs_only_where_the_log_shows_it():
     _, line = swing_line(GOOD, STILL.assign(m_a=GUSTS))
-    assert line.startswith("This loop does not hunt.  T_sup swings by ")
+    assert line.startswith("This loop does not hunt.  T_sup swings ± ")
     assert line.endswith(" every now and then because air or water do; with them constant it would not.")
     _, line = swing_line(GOOD, STILL.assign(m_a=GUSTS), with_inputs=False)
     assert line.startswith("This loop keeps swinging, irregularly: about ")

@@ -19,11 +19,9 @@ def ds(tmp_path_factory):
     """Two hot days of the study with four loops."""
     folder = tmp_path_factory.mktemp("year")
     weather = write_weather(folder, lambda h: 27.0 + 4.0 * np.sin(2.0 * np.pi * (h - 9.0) / 24.0), T_dew=12.0)
-    text = study_file("year").read_text()
-    for long, short in ((r"size = \d+", "size = 4"), ('path = ".*"', f'path = "{weather.name}"\ndays = {DAYS}')):
-        text = re.sub(long, short, text)
-    (folder / "year.toml").write_text(text)
-    return fc.run_study(folder / "year.toml", folder / "out")
+    study = folder / "year.toml"
+    study.write_text(re.sub(r"size = \d+", "size = 4", study_file("year").read_text()))
+    return year.simulate_year(weather, DAYS, study)
 
 
 @pytest.mark.kernel
@@ -51,7 +49,7 @@ def test_rows_compare_each_loop_with_its_own_sound_valve(ds):
 
 @pytest.mark.kernel
 def test_the_tables_and_the_figure_are_written(ds, read_table, monkeypatch, tmp_path):
-    monkeypatch.setattr(year, "results", lambda name: ds)
+    monkeypatch.setattr(year, "simulate_year", lambda: ds)
     year.main()
     head, *rows = read_table("year_valve")[1]
     assert len(rows) == 12

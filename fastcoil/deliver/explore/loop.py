@@ -1,20 +1,15 @@
-"""The model behind the page: settings in; traces, metrics, an explanation and a map of the loop out, cached.
-
-Settings are the numbers and words that the reader can change; they begin at a loop, a link or a story.
-"""
+"""The model behind the page: settings in; traces, metrics, an explanation and a map of the loop out, cached."""
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
-from urllib.parse import urlencode
 
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, did_you_mean, short_repr
+from fastcoil.base.errors import InputError
 from fastcoil.base.text import format_kelvin, format_percent
 from fastcoil.design.advice import NO_INVERSE, REPAIRED_VALVE
 from fastcoil.design.explain import explain
@@ -98,9 +93,7 @@ DIALS = {
         (4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0, 120.0, 150.0, 200.0,
          250.0, 300.0, 400.0, 500.0, 600.0, 800.0),
     ),
-    "noise_std": Dial(
-        "Noise of the sensor", "K", (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.15, 0.2)
-    ),
+    "noise_std": Dial("Noise of the sensor", "K", (0.0, 0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.075, 0.1, 0.15, 0.2)),
     "stroke_time": Dial(
         "Motor, full stroke", "s", (0.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 150.0, 200.0, 250.0, 300.0)
     ),
@@ -109,9 +102,7 @@ DIALS = {
 """Sliders by parameter; ``m_a`` is of the day, all others are of the loop."""
 MENUS = {
     "valve": Menu("Valve curve", {"own": "of the loop", **{a: f"authority {a}" for a in ("0.7", "0.3", "0.1")}}),
-    "estimator": Menu(
-        "Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}
-    ),
+    "estimator": Menu("Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}),
     "day": Menu("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
     "test": Menu("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle"}),
     "axes": Menu("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
@@ -154,49 +145,6 @@ def menu_words(name: str, start: Start) -> dict[str, str]:
     """Return the words of a menu and their texts for a loop: "own" only if it has a day or an estimator of its own."""
     is_missing = {"day": start.day is None, "estimator": used_choices(start.loop, "estimator") == {"none"}}
     return {word: text for word, text in MENUS[name].words.items() if word != "own" or not is_missing.get(name)}
-
-
-def link_query(settings: Settings, starts: Mapping[str, Start]) -> str:
-    """Return the query of a link that shows these settings: the loop, and what differs from its initial settings."""
-    start = starts[settings.loop]
-    defaults, texts = asdict(initial_settings(settings.loop, start)), {"loop": start.title}
-    for name, value in asdict(settings).items():
-        if value != defaults[name]:
-            texts[name] = repr(value).removesuffix(".0") if isinstance(value, float) else value
-    return urlencode(texts)
-
-
-def read_query(query: Mapping[str, str], starts: Mapping[str, Start], default_name: str) -> tuple[Settings, list[str]]:
-    """Read the settings from the query of a link; also return a sentence on entries that this page does not have.
-
-    default_name: the loop of a link without one.
-    """
-    name_by_title = {start.title: name for name, start in starts.items()}
-    loop_title = query.get("loop", starts[default_name].title)
-    name = name_by_title.get(loop_title, default_name)
-    defaults = initial_settings(name, starts[name])
-    if loop_title not in name_by_title:
-        problem = f"loop = {short_repr(loop_title)} is not on this page{did_you_mean(loop_title, name_by_title)}"
-        return defaults, [f"{problem}: {starts[name].title} is shown"]
-    values: dict[str, Any] = {}
-    unknown_entries = []
-    for key, text in query.items():
-        # the loop itself may lie beyond the steps
-        allowed_values = (*DIALS[key].steps, getattr(defaults, key)) if key in DIALS else ()
-        if key in MENUS and text in menu_words(key, starts[name]):
-            values[key] = text
-        elif allowed_values and min(allowed_values) <= _parse_number_or_nan(text) <= max(allowed_values):
-            values[key] = float(text)
-        elif key != "loop":
-            unknown_entries.append(f"{key} = {text}")
-    note = "no setting of this page, or beyond its bounds; the rest of the link is shown"
-    return replace(defaults, **values), [f"{short_repr(', '.join(unknown_entries))}: {note}"] if unknown_entries else []
-
-
-def _parse_number_or_nan(text: str) -> float:
-    with suppress(ValueError):
-        return float(text)
-    return math.nan
 
 
 STORIES: Mapping[str, Mapping[str, Any]] = {
@@ -276,10 +224,7 @@ TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
 
 class Run(NamedTuple):
-    """One loop on one day: traces every ``TRACE_INTERVAL_S`` seconds, and metrics.
-
-    reading_text: result of a valve test in words; empty without one.
-    """
+    """One loop on one day: traces every ``TRACE_INTERVAL_S``, metrics, result of a valve test in words."""
 
     scene: Scenario
     hours: Array
@@ -379,10 +324,7 @@ def simulate_map(axes: str, scene: Scenario) -> Mapping[str, Array]:
 
 
 class Model:
-    """Simulates, explains and maps loops, with caches; shared by threads.
-
-    study_scenario: of a study, added to the presets and shown first.  preset: shown first without one.
-    """
+    """Simulates, explains and maps loops, with caches for all threads; shows a study's loop first, else ``preset``."""
 
     def __init__(self, study_scenario: Scenario | None = None, preset: str = "paper_like") -> None:
         self.starts = start_loops(study_scenario)

@@ -46,15 +46,8 @@ for (const [id, values] of changes) sent.document.get_model_by_id(id).setv(value
 for (const id of ids) document.getElementById(id).textContent = texts[id]
 for (const word of ['phase', 'explained', 'turn']) document.body.dataset[word] = texts[word]
 document.body.dataset.learns = texts.learning ? 'yes' : ''
-const search = texts.query ? '?' + texts.query : ''
-if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
 _CONTROL_MOVED_SCRIPT = "document.body.dataset.phase = 'loop'"
-_COPY_LINK_SCRIPT = """
-navigator.clipboard.writeText(location.href).then(
-    () => { document.getElementById('notice').textContent = 'The link is copied.' },
-    () => { document.getElementById('notice').textContent = 'The browser does not let this page copy.' })
-"""
 _CONNECTION_LOST_SCRIPT = """
 document.getElementById('headline').textContent =
     'The program behind this page has ended: start fastcoil explore again.'
@@ -65,9 +58,8 @@ document.body.dataset.phase = 'refused'
 class Page:
     """The page that one reader sees.
 
-    Other threads do the work, so that the page always responds: ``simulate_pool`` simulates the loop, ``explain_pool``
-    explains it and makes its map.  Of several moves during a simulation only the last counts; a move cancels the
-    explanation and the map of the previous one.
+    ``simulate_pool`` simulates the loop, ``explain_pool`` explains it and makes its map, so that the page always
+    responds.  A move cancels the explanation and the map of the previous one.
     """
 
     def __init__(
@@ -75,14 +67,11 @@ class Page:
     ) -> None:
         self._doc, self._model, self._simulate_pool, self._explain_pool = doc, model, simulate_pool, explain_pool
         self._on_next_tick = doc.add_next_tick_callback
-        arguments = doc.session_context.request.arguments
-        query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
-        self._settings, self._problems = loop.read_query(query, model.starts, model.first)
-        self._initial_settings = self._settings
+        self._settings = self._initial_settings = loop.initial_settings(model.first, model.starts[model.first])
         self._is_working, self._turns = False, 0
         self._pending_stage: asyncio.Future[Any] | None = None  # explanation or map
         self._explained_settings: Settings | None = None  # None while the loop in the figures is not explained
-        self._texts = dict.fromkeys((*_TEXT_IDS, "phase", "query", "explained", "turn"), "")
+        self._texts = dict.fromkeys((*_TEXT_IDS, "phase", "explained", "turn"), "")
         self._outbox = ColumnDataSource(name="sent")  # its tags take changes and texts to the browser
         self._figures, self._map = LoopFigures(), MapFigure(self._move_to_cell)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_STYLE_SHEET)]}
@@ -197,7 +186,7 @@ class Page:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_explained else self._figures.show_hunting_index()
         texts = {"error": run.error_text, "learning": run.learning_text, "explained": "yes" if is_explained else ""}
-        self._send(changes, settings, query=loop.link_query(settings, self._model.starts), phase="words", **texts)
+        self._send(changes, settings, phase="words", **texts)
 
     def _show_explanation(self, settings: Settings, run: Run, e: ExplanationText) -> None:
         texts = {"headline": e.answer, "why": e.why, "compared": run.reading_text or e.compared, "advice": e.advice}
@@ -210,9 +199,7 @@ class Page:
             changes, is_on_map = self._map.show(metrics, settings)
             note = "" if is_on_map else "This loop lies outside the map."
         self._turns += 1
-        problems = _join_sentences(self._problems)
-        self._send(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
-        self._problems = []
+        self._send(changes, settings, note=note, turn=str(self._turns), phase="")
 
     def _show_refusal(self, headline: str, sentences: Sequence[str]) -> None:
         self._explained_settings, empty_texts = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
@@ -231,7 +218,8 @@ class Page:
         show_changes = CustomJS(code=_SHOW_CHANGES_SCRIPT, args={"sent": self._outbox, "ids": list(_TEXT_IDS)})
         self._outbox.js_on_change("tags", show_changes)
         for widget in (*self._dials.values(), *self._menus.values()):
-            widget.js_on_change("value", CustomJS(code=_CONTROL_MOVED_SCRIPT))
+            # a document holds the models of its widgets, through these also the outbox
+            widget.js_on_change("value", CustomJS(code=_CONTROL_MOVED_SCRIPT, args={"sent": self._outbox}))
         for fig in (*self._figures.all, self._map.fig):
             doc.add_root(fig)
         menus, wide = self._menus, {"sizing_mode": "stretch_width"}
@@ -242,10 +230,7 @@ class Page:
         story_settings = {name: loop.story_settings(name, self._model.starts) for name in STORIES}
         story_buttons = [_make_button(name, partial(self._change_settings, s)) for name, s in story_settings.items()]
         reset_button = _make_button("Reset", partial(self._change_settings, self._initial_settings))
-        link_button = _make_button("Copy link")
-        # a document holds the models of its widgets, through this button also the outbox
-        link_button.js_on_click(CustomJS(code=_COPY_LINK_SCRIPT, args={"sent": self._outbox}))
-        for name, buttons in (("stories", story_buttons), ("tools", [reset_button, link_button])):
+        for name, buttons in (("stories", story_buttons), ("tools", [reset_button])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
         # texts that were sent before the page was ready cause no change any more
         doc.js_on_event(DocumentReady, show_changes)
@@ -259,11 +244,10 @@ def _join_sentences(sentences: Sequence[str]) -> str:
     return "  ".join(f"{sentence.rstrip('.')}." for sentence in sentences)
 
 
-def _make_button(title: str, act: Callable[[], None] | None = None) -> Button:
+def _make_button(title: str, act: Callable[[], None]) -> Button:
     sheets = [InlineStyleSheet(css=_STYLE_SHEET)]
     button = Button(label=title, name=title, stylesheets=sheets, width_policy="min", margin=0)
-    if act is not None:
-        button.on_click(lambda *_: act())
+    button.on_click(lambda *_: act())
     return button
 
 
@@ -277,9 +261,8 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
     """Accepts requests of a reader or of the page itself; anything else is not found.
 
     Host: a foreign page whose name resolves to this machine (DNS rebinding) sends its own name.  Origin: browsers name
-    the page that opens a socket or fetches, so a socket without one is refused.  Sec-Fetch-Dest: a foreign page that
-    embeds this one, or requests it as an image or a script, gets nothing.  Names of sessions and tokens come from the
-    server, never from an address, or a link would lead into another reader's page.
+    the page that opens a socket.  Sec-Fetch-Dest: a foreign page that embeds this one gets nothing.  Sessions are named
+    by the server alone, or a link would lead into another reader's page.
     """
 
     def __init__(self, port: int) -> None:
@@ -297,10 +280,7 @@ class _LocalOnlyMatcher(Matcher):  # type: ignore[misc]
 
 
 async def serve(model: Model, port: int, on_ready: Callable[[str], None]) -> None:
-    """Serve the page until SIGINT or SIGTERM; all sessions share the model.
-
-    port: 0 takes any free one.  on_ready: called with the address of the page once it can be opened.
-    """
+    """Serve the page on ``port``, 0: any free one, until SIGINT or SIGTERM; ``on_ready`` gets its address."""
     try:
         listener = socket.create_server((_SERVER_ADDRESS, port), backlog=128)
     except OSError as error:

@@ -1,8 +1,4 @@
-"""The controller of one loop: parameters, rules, and laws in Python, from which C and Structured Text are made.
-
-The frame of the laws (PI, compensation, start, bad readings) is in ``laws/controller.py.jinja``; the estimator, and a
-law in place of the PI, are translated from the functions that the kernel runs.
-"""
+"""The controller of one loop: parameters, rules, and laws in Python, from which C and Structured Text are made."""
 
 import re
 from functools import cache
@@ -174,12 +170,11 @@ class Controller:
     def describe(self) -> str:
         """Describe the parts of the controller in a phrase: a PI law, a backlash inverse and so on."""
         inverse = "a backlash inverse" if self.estimator_port or self.number["backlash_estimate"] > 0.0 else ""
+        others = {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}
         parts = [
             f"the law {self.word['law']}" if self.law_port else "a PI law",
             "a dead band" if self.number["error_dead_band"] > 0.0 else "",
-            {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}.get(
-                self.word["compensation"], inverse
-            ),
+            others.get(self.word["compensation"], inverse),
             f"the estimator {self.word['estimator']}" if self.estimator_port else "",
             "a valve test" if self.has_test else "",
         ]

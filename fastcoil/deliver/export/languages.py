@@ -1,9 +1,7 @@
-"""Print the laws in C99, and as a function block in Structured Text of IEC 61131-3.
+"""Print the laws in C99, as a function block in Structured Text of IEC 61131-3, and as XML of PLCopen around it.
 
-C is one file without dynamic memory that needs only the standard library.  Structured Text is that of the second
-edition: functions of numbers stay functions; sections, which work on the state, are inlined, since functions of that
-edition have no access to the state of a block, and function blocks have no methods.  The XML of PLCopen (TC6 2.01,
-IEC 61131-10; ``laws/plcopen.xml.jinja``) has the units as elements, their bodies as text.
+Structured Text is that of the second edition, without methods: functions of numbers stay functions; sections, which
+work on the state of the block, are inlined.
 """
 
 import ast

@@ -1,11 +1,10 @@
 """Translate a rule of the kernel, of the package or of the user, into laws for the field.
 
 ``Translator`` executes the Python of a rule, and of all functions that it calls, with expressions in place of numbers.
-The result is one function of the state, without classes, tuples or conditional expressions.  Branches that the
-parameters of the loop exclude are left out.
+The result is one function of the state, without classes, tuples or conditional expressions.
 
-NaN, which stands for "nothing yet" in a memory, has no portable form in Structured Text.  A variable that may be NaN
-gets a flag, ``x_known``, and every comparison tests the flag first.
+NaN, "nothing yet" in a memory, has no portable form: a variable that may be NaN gets a flag, ``x_known``, and every
+comparison tests the flag first.
 """
 
 import ast

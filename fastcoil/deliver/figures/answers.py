@@ -56,7 +56,7 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
             if column == 0:
                 axes.set_ylabel(wrap_text(text, _PANEL_INCHES[1], 9))
         words = ", ".join(label_in_words(table, d, k) for d, k in place.items())
-        panels[0].set_title(drawing.wrap_to_axes(panels[0], words), loc="left")
+        panels[0].set_title(drawing.wrap_to_axes(panels[0], words, 8), loc="left", fontsize=8)
         panels[-1].set_xlabel(drawing.wrap_to_axes(panels[-1], coordinate_quantity(table, x).axis))
     for axes, (_, factor) in zip(grid[:, 0], _LEARNING_ROWS.values(), strict=True):
         axes.set_ylim(0.0, 105.0 if factor == 100.0 else None)
@@ -74,12 +74,15 @@ def _draw_settings(axes: Axes, values: xr.DataArray, x: str, line_dim: str | Non
     """Draw a line over ``x`` for each label of a second setting."""
     is_number = values[x].dtype.kind in "if"
     along = coordinate_quantity(values, x).factor * values[x].values if is_number else np.arange(values.sizes[x])
+    drawing.set_swept_scale(axes, along)
     labels = [] if line_dim is None else drawing.pick_labels(values.sizes[line_dim], _MOST_LINES)
     for k, place in enumerate([{line_dim: index} for index in labels] or [{}]):
         label = label_in_words(values, line_dim, place[line_dim]) if line_dim else None
         curve = values.isel(place).transpose(x).values
         curve = np.where(np.isfinite(curve), curve, np.nan)
-        axes.plot(along, curve, LINE_STYLES[k], marker="o", ms=3, color=COLOURS[k], label=label)
+        # each line narrower than the one below, so that equal values show both
+        width = 1.0 + 0.9 * (len(labels) - 1 - k) if labels else 1.5
+        axes.plot(along, curve, LINE_STYLES[k], marker="o", ms=2 + width, lw=width, color=COLOURS[k], label=label)
     if found.recommend and x in found.place:
         axes.axvline(along[int((values[x].values == found.place[x]).argmax())], color="black", lw=0.8, ls=":")
     axes.set_xticks(along, [f"{v:.3g}" for v in along] if is_number else [str(v) for v in values[x].values])
@@ -134,5 +137,6 @@ def _draw_scatters(panels: Sequence[Axes], values: xr.DataArray, names: Sequence
     for axes, name in zip(panels, names, strict=False):
         x = coordinate_quantity(values, name)
         xs, ys = xr.broadcast(values[name], values)
+        drawing.set_swept_scale(axes, xs.values.ravel())
         axes.plot(x.factor * xs.values.ravel(), shown_as.factor * ys.values.ravel(), ".", color=BLUE, ms=2, alpha=0.6)
         drawing.label_axes(axes, x.axis, shown_as.axis)

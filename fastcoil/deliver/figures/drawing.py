@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
 
 
+SHARE_METRICS = ("hunts",)  # 0 or 1 of each loop
 _FONT_SIZE = 9  # points
 _LEAST_BAND_MEMBERS = 5  # of a band; fewer are drawn one by one: percentiles would lie between two or three numbers
 # marks of the median, of a band and of single members
@@ -124,6 +125,12 @@ def _pooled_dims(values: xr.DataArray, *drawn: str) -> list[str]:
     return [str(d) for d in values.dims if d not in drawn]
 
 
+def pool(values: xr.DataArray, *drawn: str) -> xr.DataArray:
+    """Return the median over all dims but those drawn, of whether a loop hunts the share."""
+    dims = _pooled_dims(values, *drawn)
+    return values.mean(dims) if values.name in SHARE_METRICS else values.median(dims)
+
+
 _LOG_RANGE = 8.0  # of the values of a map from which its colours are logarithmic
 _MOST_TICKS = 8  # of swept values along an axis
 
@@ -134,21 +141,44 @@ def _set_swept_ticks(axis: Axis, positions: np.ndarray, values: np.ndarray) -> N
     axis.set_ticks(positions[k].tolist(), [f"{v:.3g}" for v in values[k]])
 
 
+_LEAST_LOG_RATIO = 4.0  # of the largest over the least value along an axis, where it is logarithmic
+
+
+def set_swept_scale(axes: Axes, values: np.ndarray) -> None:
+    """Make the x axis logarithmic where the values are spaced more evenly so; 0 keeps a place beside them."""
+    from matplotlib.ticker import FixedLocator
+
+    positive = values[values > 0.0]
+    if values.min() < 0.0 or positive.size < 3 or positive.max() < _LEAST_LOG_RATIO * positive.min():
+        return
+    low, middle, high = np.quantile(positive, (0.0, 0.5, 1.0))
+    place, log_place = (middle - low) / (high - low), math.log(middle / low) / math.log(high / low)
+    if abs(log_place - 0.5) < abs(place - 0.5):
+        is_with_zero = positive.size < values.size
+        options: dict[str, Any] = {"linthresh": low, "linscale": 0.4} if is_with_zero else {}
+        axes.set_xscale("symlog" if is_with_zero else "log", **options)
+        axes.minorticks_off()
+        axes.xaxis.set_major_locator(FixedLocator([m * 10.0**k for k in range(-9, 9) for m in (1, 2, 5)]))
+        axes.xaxis.set_major_formatter("{x:.3g}")
+
+
 def draw_map(
     axes: Axes, values: xr.DataArray, x: str, y: str, mark: Mapping[str, Any] | None = None,
     limits: tuple[float, float] | None = None,
 ) -> QuadMesh | None:  # fmt: skip
     """Draw the median over all dims but ``x`` and ``y`` as colours, with a scale; None where no value is finite.
 
-    The swept values lie equally far apart.  mark: labels of the recommended cell.  limits: of the colours.
+    The swept values lie equally far apart.  mark: labels of the recommended cell, row or column, which gets a frame.
+    limits: of the colours.
     """
     from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.patches import Rectangle
 
     quantity = values_quantity(values)
     x_quantity, y_quantity = (coordinate_quantity(values, dim) for dim in (x, y))
     label_axes(axes, x_quantity.axis, y_quantity.axis)
     values = values.sortby([x, y])
-    median = quantity.factor * values.median(_pooled_dims(values, x, y)).transpose(y, x)
+    median = quantity.factor * pool(values, x, y).transpose(y, x)
     if mark_if_empty(axes, median):
         return None
     least, largest = limits or (float(median.min()), float(median.max()))
@@ -158,10 +188,14 @@ def draw_map(
     axes.grid(visible=False)
     for axis, dim, of_dim in ((axes.xaxis, x, x_quantity), (axes.yaxis, y, y_quantity)):
         _set_swept_ticks(axis, np.arange(values.sizes[dim]) + 0.5, of_dim.factor * values[dim].values)
-    if mark and {x, y} <= {*mark}:
-        column, row = (int((values[dim].values == mark[dim]).argmax()) for dim in (x, y))
-        axes.plot(column + 0.5, row + 0.5, "o", ms=9, mfc="none", mec="white", mew=2.5)
-        axes.plot(column + 0.5, row + 0.5, "o", ms=9, mfc="none", mec="black", mew=1.0)
+    if mark and {x, y} & {*mark}:
+        places = [
+            (int((values[d].values == mark[d]).argmax()), 1) if d in mark else (0, values.sizes[d]) for d in (x, y)
+        ]
+        (column, width), (row, height) = places
+        for colour, line_width in (("white", 3.0), ("black", 1.2)):
+            look: Any = {"fill": False, "ec": colour, "lw": line_width, "zorder": 3, "clip_on": False}
+            axes.add_patch(Rectangle((column, row), width, height, **look))
     scale = axes.figure.colorbar(mesh, ax=axes, format="{x:.3g}")
     scale.ax.yaxis.set_minor_formatter("{x:.2g}" if largest < 30.0 * least else "")
     scale.set_label(wrap_text(quantity.axis, 2.0, _FONT_SIZE))
@@ -181,13 +215,14 @@ def draw_curve(
     label_axes(axes, x_quantity.axis, quantity.axis)
     axes.axhline(0.0, color="black", lw=0.8).sticky_edges.y.append(0.0)
     values = values.sortby(x)
+    along = x_quantity.factor * values[x].values
+    set_swept_scale(axes, along)
     if values.sizes[x] <= _MOST_TICKS:
-        along = x_quantity.factor * values[x].values
         _set_swept_ticks(axes.xaxis, along, along)
     if mark and x in mark:
         axes.axvline(x_quantity.factor * mark[x], color="black", lw=0.8, ls=":")
     for edge in spread:
-        axes.plot(x_quantity.factor * values[x], quantity.factor * edge.sortby(x), color="0.5", lw=0.8, ls="--")
+        axes.plot(along, quantity.factor * edge.sortby(x), color="0.5", lw=0.8, ls="--")
     draw_median_curve(axes, x_quantity.factor * values[x], quantity.factor * values, color=color, **look)
     mark_if_empty(axes, values)
 
@@ -200,7 +235,7 @@ def draw_median_curve(axes: Axes, along: xr.DataArray, values: xr.DataArray, *, 
         axes.fill_between(along, *band, color=color, alpha=0.2, lw=0)
     elif members is not None:
         axes.plot(along, members, color=color, lw=0.5, alpha=0.7)
-    axes.plot(along, values.median(_pooled_dims(values, x)), color=color, **look)
+    axes.plot(along, pool(values, x), color=color, **look)
 
 
 def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
@@ -216,7 +251,7 @@ def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
         axes.hlines(range(n), *band, color=color, lw=1.0)
     elif members is not None:
         axes.plot(members, range(n), "o", color=color, ms=2.5, mfc="white", mew=0.7)
-    axes.plot(values.median(_pooled_dims(values, dim)), range(n), "o", color=color, ms=5)
+    axes.plot(pool(values, dim), range(n), "o", color=color, ms=5)
     mark_if_empty(axes, values)
 
 
@@ -231,6 +266,8 @@ def mark_if_empty(axes: Axes, values: xr.DataArray) -> bool:
 def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | None, np.ndarray | None]:
     """Return the 10–90 % band over all dims but one, (2, n), or the members if few, (n, members); or neither."""
     pooled_dims = _pooled_dims(values, dim)
+    if values.name in SHARE_METRICS:
+        return None, None
     if math.prod(values.sizes[d] for d in pooled_dims) >= _LEAST_BAND_MEMBERS:
         with warnings.catch_warnings():
             # where every member is NaN the band has a gap, which says enough

@@ -26,9 +26,15 @@ from fastcoil.loops.scenarios import check_counted_result, require_table_units
 from fastcoil.model.metric_table import METRICS, metric_hint
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.answer import find_answer
-from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place, largest
+from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place, largest, shorten
 from fastcoil.study.analysis.learned import is_learning_result
-from fastcoil.study.analysis.selected import drawn_parameters, group_by_parameters, numeric_dims, swept_dims
+from fastcoil.study.analysis.selected import (
+    condition_dims,
+    drawn_parameters,
+    group_by_parameters,
+    numeric_dims,
+    swept_dims,
+)
 
 if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
@@ -166,7 +172,7 @@ def _at_recommended(
 
 _LEAST_PANEL_WIDTH_INCHES = 2.2  # legible
 _ESTIMATE_PARAMETERS = ("estimate_ratio", "backlash_estimate")
-STANDARD_METRICS = ("rmse", "motor_travel", "switch_frequency")
+STANDARD_METRICS = ("rmse", "motor_travel", "hunts")  # as the answer quotes
 
 
 @apply_style()
@@ -196,6 +202,7 @@ def draw_panels(
     all_ds, ds = ds, ds.sel(fixed)
     if not y and {*fixed} & {*recommended}:
         fixed_words += "; dashed: best and worst of the choices not drawn"
+    all_rows = panel_rows(ds, by)
     draw: Callable[..., QuadMesh | None]
     if y:
         draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
@@ -203,8 +210,8 @@ def draw_panels(
         draw, marks, height = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT_MARKS, 1 + 0.22 * ds.sizes[x]
     else:
         draw = partial(drawing.draw_curve, x=x, color=BLUE)
-        marks, height = drawing.LINE_MARKS, 2.4
-    all_rows = rows = panel_rows(ds, by)
+        marks, height = drawing.LINE_MARKS, 2.4 if len(all_rows) <= 2 else 1.7
+    rows = all_rows
     if overlays := overlays and by is not None and not y and not has_names:
         rows, all_rows = [(None, "")], [all_rows[k] for k in drawing.pick_labels(len(all_rows))]
     n = len(metrics)
@@ -225,9 +232,7 @@ def draw_panels(
         spread = _other_choices(all_ds[metric].isel(at), x, recommended) if not y and not has_names else {}
         look: dict[str, Any] = {} if has_names and not y else {"mark": recommended if is_recommended else None}
         if y:  # rows are compared
-            medians = values_quantity(ds[metric]).factor * ds[metric].median(
-                [d for d in ds[metric].dims if d not in (*dims, by)]
-            )
+            medians = values_quantity(ds[metric]).factor * drawing.pool(ds[metric], *dims, *([by] if by else []))
             look["limits"] = float(medians.min()), float(medians.max())
         if overlays:
             for (k, words_of_curve), colour, style in zip(all_rows, COLOURS, LINE_STYLES, strict=False):
@@ -235,7 +240,8 @@ def draw_panels(
                 drawing.draw_curve(axes, values, x, color=colour, ls=style, label=words_of_curve)
         else:
             draw(axes, ds[metric].isel(at), **look, **spread)
-        axes.set_title(drawing.wrap_to_axes(axes, words), loc="left")
+        title = shorten(words) + (", recommended" if is_recommended and str(by) in recommended else "")
+        axes.set_title(drawing.wrap_to_axes(axes, title, 8), loc="left", fontsize=8)
         if by and not axes.get_subplotspec().is_last_row():
             axes.set_xlabel("")
     if overlays:
@@ -274,7 +280,7 @@ def _other_choices(values: xr.DataArray, x: str, recommended: Mapping[str, Any])
     dims = [d for d in recommended if d in values.dims and d != x]
     if not dims:
         return {}
-    medians = values.median([d for d in values.dims if d in CHANCE_DIMS])
+    medians = drawing.pool(values, *(str(d) for d in values.dims if d not in CHANCE_DIMS))
     over = [d for d in medians.dims if d != x]
     return {"spread": (medians.min(over), medians.max(over))}
 
@@ -313,7 +319,8 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
         swept = [d for d in wide if d in control_dims(ds)]
         y, x = wide[:2] if not swept or {*wide[:2]} & {*swept} else (wide[0], swept[0])
         figures["maps"] = panel_figure(x, y)
-        figures["bands"] = panel_figure(x)
+        choices = [d for d in (x, y, *wide) if d not in condition_dims(ds)]
+        figures["bands"] = panel_figure([*choices, x][0])
     elif numeric:
         figures["bands"] = panel_figure(max(numeric, key=lambda d: ds.sizes[d]))
     for dim in named_dims:

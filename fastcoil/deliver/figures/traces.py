@@ -347,4 +347,4 @@ def _describe_swings(scenario: xr.Dataset, predicted: xr.Dataset | None) -> str:
 
 
 def _format_swing(peak_to_peak: float, period: float) -> str:
-    return f"{peak_to_peak:.2g} K" + (f" every {period:.0f} s" if math.isfinite(period) else "")
+    return f"± {0.5 * peak_to_peak:.2g} K" + (f" every {period:.0f} s" if math.isfinite(period) else "")

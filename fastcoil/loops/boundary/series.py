@@ -3,7 +3,6 @@
 All labels must agree.  A loop without air flow is off: these seconds count in no metric, and a warning says so.
 """
 
-import math
 import warnings
 from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, date, datetime, timedelta
@@ -325,24 +324,20 @@ def _resolve_zone(times: list[datetime], zone: str) -> str:
 
 
 _CONDITION_BOUNDS: tuple[tuple[str, str, float, float], ...] = (  # names, unit, least and largest value
-    ("relative_humidity outdoor_fraction RH_return internal_load zone_spread", "1", 0.0, 1.0),
+    ("relative_humidity outdoor_fraction RH_return", "1", 0.0, 1.0),
     ("W_return", "1", 0.0, 0.1),
-    ("disturbances", "1", 0.0, 10.0),
-    ("T_a_in T_design T_balance economiser_limit", "degC", -70.0, 60.0),
-    ("T_out_min T_out_max T_out_w_min T_out_w_max", "degC", -70.0, 60.0),
+    ("T_a_in T_design", "degC", -70.0, 60.0),
     ("T_wet_bulb", "degC", -40.0, 40.0),
     ("T_return", "degC", -20.0, 60.0),
-    ("T_set T_set_min T_set_max", "degC", 0.0, 60.0),
-    ("T_w_in T_w_min T_w_max", "degC", 0.5, 95.0),
+    ("T_set", "degC", 0.0, 60.0),
+    ("T_w_in", "degC", 0.5, 95.0),
     ("T_daily_range", "K", 0.0, 40.0),
     ("start_hour", "h", 0.0, 24.0),
     ("start", "h", 0.0, 8784.0),
     ("hours", "h", 0.0, 8760.0),
-    ("m_a_design m_a_min outdoor_air_min", "kg s-1", 0.0, math.inf),
 )
-_ABOVE_0 = ("hours", "m_a_design", "m_a_min")  # 0 itself is refused
 CONDITIONS = {
-    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0, theory=COVERED)
+    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name == "hours", theory=COVERED)
     for names, unit, least, most in _CONDITION_BOUNDS
     for name in names.split()
 } | {"pressure": PARAMETERS["pressure"]}

@@ -1,27 +1,20 @@
 """The plant of each lane under constant conditions: at rest, and its response to a small step.
 
-The march is that of the emulator with one addition.  At the same state, Eq (3) gives a control volume more heat when it
-is wet than when it is dry.  So a volume at its dew point may have no state of rest: it changes between wet and dry
-every few seconds.  Here such a volume is wet to the share that keeps it in between.  Every other volume is as in the
-emulator, to the bit.
-
-No lane depends on the others in its block: each ends on its own and is then left as it is.
+The march is that of the emulator with one addition: a volume at its dew point may have no state of rest, since Eq (3)
+gives it more heat wet than dry, and here is wet to the share that keeps it in between.  No lane depends on others.
 """
 
 import numpy as np
 
 from fastcoil.model import physics
-from fastcoil.model.engine.coil import (
-    exchange_heat,
-    half_step_of_metal,
-    march_lagged_water,
-    saturate,
-    update_half_step_of_water,
-    update_water_conductance,
-)
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, Q, R, begin_run, name_offsets
 from fastcoil.model.engine.valve import scale_water_flow, update_water_flow
 from fastcoil.model.numerics.jit import kernel, section
+
+from fastcoil.model.engine.coil import (  # isort: skip
+    exchange_heat, half_step_of_metal, march_lagged_water, saturate, update_half_step_of_water,
+    update_water_conductance,
+)  # fmt: skip
 
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in", "dp_ratio")
 """Rows of the conditions at the inlets of a block's coils and valves, (5, LANES)."""
@@ -62,10 +55,7 @@ def set_openings(S, config, entering, openings):
 
 @section
 def march_second_per_lane(S, V, config, entering):
-    """March the coil of each lane through a second, in the substeps of the block.
-
-    Quasistatic, the air passes the coil once more, as it does before the controller of the next second.
-    """
+    """March the coil of each lane through a second; quasistatic, the air passes once more, as before the controller."""
     n_volumes = config.n_volumes
     set_inlets_per_lane(V, n_volumes, entering)
     if config.lagged_air:
@@ -89,10 +79,8 @@ def march_second_per_lane(S, V, config, entering):
 def march_air_per_lane(S, V, n_volumes, lagged_air, entering, is_settling):
     """March the air as the emulator does, except in volumes at their dew point, see the file's docstring.
 
-    The band is as wide as two changes of T_c by one wet step, the resolution of the emulator.
-    lagged_air: march the metal too; without it, leave the heat Q to ``exchange_heat``.
-    is_settling: march the metal by the largest step that cannot overshoot in place of a second; lanes whose water has
-    no time step are left as they are.
+    The band is as wide as two changes of T_c by one wet step.  lagged_air: march the metal too; without it, leave the
+    heat Q to ``exchange_heat``.  is_settling: march the metal by the largest step that cannot overshoot.
     """
     for j in range(LANES):
         S[R.wet_volumes + j] = 0.0
@@ -158,10 +146,7 @@ def neighbour_openings(opening):
 
 @section
 def settle(S, V, config, entering, openings, is_at_rest):
-    """Bring every coil to rest at an opening, (LANES,); the heat capacities do not matter for the state of rest.
-
-    is_at_rest: (LANES,), coils that are left as they are.
-    """
+    """Bring every coil that is not ``is_at_rest`` to rest at an opening, (LANES,) each."""
     n_volumes = config.n_volumes
     set_openings(S, config, entering, openings)
     for j in range(LANES):

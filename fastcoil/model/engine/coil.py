@@ -1,13 +1,11 @@
 """The coil of a block of lanes, Eqs (3) and (4), in one of two orders.
 
-*Lagged*, as printed: after the controller, water, then air and metal take an explicit step from state [t].  Air that
-enters a volume left the next one a step ago, and the controller reads air that left the coil a step ago.
+*Lagged*, as printed: after the controller, water, then air and metal take an explicit step from state [t].
 
-*Quasistatic*: before the controller, the air passes the metal of now from its inlet to its outlet; after it, metal and
-water take a step with the heats of that pass.  The step is the trapezoidal rule along the water, in which each volume
-knows the mean of the water that enters it; of the heat of the air, only what the volume's own metal changes is taken at
-the middle of the step.  Its error falls with the step, not with its square, but starts at a tenth of the printed one.
-No temperature moves further than in the explicit step, so that the same limits keep it between its neighbours.
+*Quasistatic*: before the controller, the air passes the metal of now; after it, metal and water take a step with the
+heats of that pass, by the trapezoidal rule along the water; of the heat of the air, only what the volume's own metal
+changes is taken at the middle of the step.  Its error falls with the step, not with its square, but starts at a tenth
+of the printed one.  The same limits keep every temperature between its neighbours.
 """
 
 from __future__ import annotations
@@ -73,11 +71,7 @@ def set_inlets(V, n_volumes, T_a_in, W_a_in, T_w_in):
 
 @section
 def coldest_and_dampest(S, V, n_volumes):
-    """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
-
-    Within the stability limits of dt, Eqs (3) and (4) take weighted means and only remove humidity: no volume goes
-    beyond these values until something colder or damper enters.
-    """
+    """Lowest temperature, °C, and highest humidity ratio in the coils, until something colder or damper enters."""
     for j in range(LANES):
         S[R.coldest + j] = np.inf
         S[R.dampest + j] = -np.inf
@@ -123,10 +117,7 @@ def count_wet_volumes(S, V, n_volumes):
 
 @section
 def saturate(S, V, i, is_mild):
-    """Compute saturation at the metal of volume i.
-
-    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
-    """
+    """Compute saturation at the metal of volume i; is_mild: neither near freezing nor condensing above 50 °C."""
     cv = V[i * VOLUME_STRIDE : (i + 1) * VOLUME_STRIDE]
     for j in range(LANES):
         cv[W_S + j] = physics.humidity_ratio(physics.saturation_pressure_mild(cv[T_C + j]), S[R.pressure + j])
@@ -156,11 +147,9 @@ def saturate_cold_and_hot(S, V, i):
 def march_lagged_water(S, V, n_volumes, is_mild, may_condense):
     """March the water of every volume, Eq (3); also heat into the water and saturation, which the air march reads.
 
-    It runs from the water's outlet to its inlet, so that the water entering a volume is still in state [t].  It is
-    separate from the air march because two short chains of arithmetic overlap better than a long one.
-    is_mild: no metal is near freezing, and no air so moist that it condenses above 50 °C.
-    may_condense: (at least n_volumes + 1,), whether air may condense in a volume in some lane; saturation is computed
-    there only.
+    From the outlet to the inlet, so that the water entering a volume is still in state [t].  Apart from the air march,
+    since two short chains of arithmetic overlap better than a long one.  is_mild: as for ``saturate``.  may_condense:
+    (at least n_volumes + 1,), where air may condense in some lane; only there saturation is computed.
     """
     for k in range(n_volumes):
         i = n_volumes - k
@@ -190,10 +179,9 @@ def march_lagged_water_volume(S, V, i, saturates):
 def march_lagged_air(S, V, n_volumes, shares_air_side, eps_a, eps_star, m_a, dt_counted, T_dry, may_condense):
     """Eq (3) for the air and the metal of every volume, lagged: states[t] become states[t + 1].
 
-    Air enters volume i from the row of volume i + 1, which still holds state [t].
-    ``shares_air_side``: all lanes have the effectiveness eps_a, eps_star; otherwise it is in the rows of that name.
-    dt_counted: the time step, s, or 0 where condensate does not count.
-    T_dry: nothing condenses in the next march on metal from here up, °C.  may_condense: this march; out, the next.
+    Air enters volume i from the row of volume i + 1, still state [t].  ``shares_air_side``: all lanes have eps_a,
+    eps_star.  dt_counted: s, 0 where condensate does not count.  T_dry: nothing condenses on metal from here up, °C.
+    may_condense: of this march; out, the next.
     """
     m_a_dt = m_a * dt_counted
     for i in range(1, n_volumes + 1):
@@ -247,10 +235,7 @@ def march_lagged_dry_volume(S, V, i, shares_air_side, eps_a, m_a, T_dry):
 
 @section
 def pass_air(S, V, n_volumes, m_a, dt_counted, is_mild, may_condense):
-    """Pass the air of now over the metal of now, from the air's inlet to its outlet: T_a, W_a, and the heat Q.
-
-    dt_counted, may_condense: as for ``march_lagged_air``; is_mild: as for ``saturate``.
-    """
+    """Pass the air of now over the metal of now, from the air's inlet to its outlet: T_a, W_a, and the heat Q."""
     for k in range(n_volumes):
         i = n_volumes - k
         if may_condense[i]:
@@ -315,8 +300,7 @@ def half_step_of_metal(S, j, m_a):
 def exchange_heat(S, V, n_volumes, T_dry, may_condense):
     """Eq (3) for metal and water of every volume by the trapezoidal rule, with the heats of ``pass_air``.
 
-    The means over the step follow from volume to volume along the water; the end lies as far beyond them as the start
-    before them.  T_dry, may_condense: as for ``march_lagged_air``.
+    The means over the step follow along the water; the end lies as far beyond them as the start before them.
     """
     for j in range(LANES):
         S[R.T_w_mean + j] = V[T_W + j]

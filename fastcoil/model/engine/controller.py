@@ -32,10 +32,7 @@ MEASURED_NOISE = float(PARAMETERS["buffer_noise"].choices.index("measured"))
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerFeatures:
-    """Parts of the controller that are compiled for a block, because one of its lanes needs them.
-
-    They change no bits of a lane that does not need them.
-    """
+    """Parts of the controller, compiled for a block if a lane needs them; they change no bits of one that does not."""
 
     keeps_reading: bool = False
     """An estimator reads T and e of the last sample."""
@@ -88,10 +85,7 @@ def draw_noise(S, t, k, config, day):
 
 
 def make_control(features: ControllerFeatures) -> Any:
-    """Return the section ``control_lanes`` with these features.
-
-    It closes over a name for each, which the compiler takes as a constant: it never sees the other parts.
-    """
+    """Return the section ``control_lanes`` with these features; closed over, they are constants to the compiler."""
     keeps_reading, has_resolution, has_law = features.keeps_reading, features.has_resolution, features.has_law
     has_dead_band, is_additive, is_smooth = features.has_dead_band, features.is_additive, features.is_smooth
     measures_noise, waives_buffer, has_test = features.measures_noise, features.waives_buffer, features.has_test

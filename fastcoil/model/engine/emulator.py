@@ -1,11 +1,7 @@
 """The time loop: time × control volumes × lanes, the closed loop of Figs 6 and 8 of the paper.
 
-``emulate`` runs one block of lanes through one day.  It keeps the state and the order of the steps; every
-formula is a scalar function of ``physics`` or ``control``.  In second t: measure, estimate, PI, inverse, actuator,
-Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give states[t + 1].  In a quasistatic march the
-air passes the coil before it is measured, see ``coil``.
-
-Sections that would change nothing are skipped for the whole block, which changes no lane's bits.
+``emulate`` keeps the state and the order of the steps; every formula is a scalar function of ``physics`` or
+``control``.  Sections that would change nothing are skipped for the whole block, which changes no lane's bits.
 """
 
 from typing import NamedTuple
@@ -29,19 +25,14 @@ DAY_COLUMN = name_offsets(DAY_COLUMNS)
 
 
 class Day(NamedTuple):
-    """The day that all lanes of a block share.
+    """The day that all lanes of a block share; label and seed are the key of its noise."""
 
-    series: (n_steps, 11), columns as in DAY_COLUMNS.  command: (n_steps,) for an open loop, or empty.  label, seed (two
-    32-bit words): key of the noise.  start: seconds since the start of the first of consecutive days, over which
-    controllers, estimators and noise go on.  was_enabled: whether the loop was on before.
-    """
-
-    series: np.ndarray
-    command: np.ndarray
+    series: np.ndarray  # (n_steps, 11), columns as in DAY_COLUMNS
+    command: np.ndarray  # (n_steps,) for an open loop, or empty
     schedule: metrics.Schedule
     label: int
-    seed: tuple[int, int]
-    start: int = 0
+    seed: tuple[int, int]  # two 32-bit words
+    start: int = 0  # seconds since the start of the first of consecutive days
     was_enabled: bool = True
 
 
@@ -62,11 +53,9 @@ def emulate(
 ):  # fmt: skip
     """Run the lanes of a block through a day.
 
-    rows, config: of a Block; day: Day; S, V and the states of the rules: a WorkSpace, from which a day that does not
-    start at 0 goes on.
-    metric_rows: out, (N_METRICS, LANES); status: out, (LANES,); swings: out, see ``hunting``,
-    (n_swing_blocks + 1, N_SWING_ROWS, LANES), the last one scratch.
-    traced_rows: offsets of the rows to trace.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
+    S, V and the states of the rules: a WorkSpace, from which a day that does not start at 0 goes on.  metric_rows: out,
+    (N_METRICS, LANES); status: out, (LANES,); swings: out, see ``hunting``, (n_swing_blocks + 1, N_SWING_ROWS, LANES),
+    the last one scratch.  traced_rows: offsets.  traces: out, (n_points, n_rows, LANES), every ``interval`` seconds.
     """
     n_volumes, n_steps, lagged = config.n_volumes, day.series.shape[0], config.lagged_air
     open_loop = day.command.size > 0

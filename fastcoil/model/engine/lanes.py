@@ -9,34 +9,20 @@ from fastcoil.model.engine.controller import ControllerFeatures, control_stage
 from fastcoil.model.engine.emulator import DAY_COLUMN, Day, emulate
 from fastcoil.model.engine.metrics import ESTIMATOR_METRICS, N_METRICS, make_schedule
 from fastcoil.model.engine.plant import plant_stage
-from fastcoil.model.engine.rows import (
-    LANES,
-    LINEAR,
-    PARAMETER_ROWS,
-    ROWS,
-    T_A,
-    T_C,
-    T_W,
-    VOLUME_ROWS,
-    VOLUME_STRIDE,
-    W_A,
-    R,
-)  # fmt: skip
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.engine.valve import ActuatorFeatures, actuator_stage
 from fastcoil.model.estimators.interface import Estimator, StepRule
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.hunting import N_SWING_ROWS, judge_swing
-from fastcoil.model.metric_table import (
-    COIL_METRICS,
-    COIL_TRACES,
-    LEARNING_STATUS_MEANINGS,
-    METRICS,
-    STATUS_OK,
-    SUPPLY_METRICS,
-)
 from fastcoil.model.numerics.stages import BUILT_IN
 from fastcoil.model.parameter_table import PARAMETERS
+
+from fastcoil.model.engine.rows import (  # isort: skip
+    LANES, LINEAR, PARAMETER_ROWS, ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R,
+)  # fmt: skip
+from fastcoil.model.metric_table import (  # isort: skip
+    COIL_METRICS, COIL_TRACES, LEARNING_STATUS_MEANINGS, METRICS, STATUS_OK, SUPPLY_METRICS,
+)  # fmt: skip
 
 Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a parameter without default is not given."""
@@ -69,19 +55,14 @@ NO_USER_RULES = UserRules()
 
 
 class BlockConfig(NamedTuple):
-    """Settings of the kernel for all lanes of a block.
-
-    Periods are common divisors of those of the lanes, s (0 = nothing is estimated).  Flags allow the whole block to
-    skip or share work; they change no lane's bits.  n_kept: seconds of the valve that a plant of the user may look
-    back to.  The last five are stages.
-    """
+    """Settings of the kernel for all lanes of a block; flags let it skip or share work, and change no bits."""
 
     n_volumes: int
     substeps: int
     lagged_air: bool
-    control_period: int
+    control_period: int  # common divisor of those of the lanes, s
     samples_together: bool
-    estimating_period: int
+    estimating_period: int  # the same; 0: nothing is estimated
     has_noise: bool
     has_lag: bool
     shares_air_side: bool
@@ -89,8 +70,8 @@ class BlockConfig(NamedTuple):
     is_linear: bool
     has_room: bool
     controls_room: bool
-    n_kept: int
-    plant: Any
+    n_kept: int  # seconds that a plant of the user may look back to
+    plant: Any  # this and the following are stages
     estimator: Any
     law: Any
     control: Any
@@ -98,10 +79,7 @@ class BlockConfig(NamedTuple):
 
 
 class Block(NamedTuple):
-    """LANES scenarios that share a day and all of BLOCK_KEYS.
-
-    rows: (len(PARAMETER_ROWS), LANES), below them the parameters of user rules.  row: the same by name.
-    """
+    """LANES scenarios that share a day and all of BLOCK_KEYS; rows: parameters, then those of rules; row: by name."""
 
     rows: np.ndarray
     config: BlockConfig
@@ -138,11 +116,7 @@ def pad_members(members: np.ndarray) -> np.ndarray:
 def run_sets(
     matrix: np.ndarray, run: Callable[[Block, np.ndarray], Sequence[np.ndarray]], rules: UserRules = NO_USER_RULES
 ) -> tuple[np.ndarray, ...]:
-    """Run many parameter sets, block by block.
-
-    matrix, rules: see ``parameter_matrix``.  run: takes a block and its members, returns arrays (…, LANES).  Return
-    the same arrays for all sets, (…, n_sets), in their order.
-    """
+    """Run parameter sets block by block; run: a block, members → arrays (…, LANES), which become (…, n_sets)."""
     results: tuple[np.ndarray, ...] = ()
     for members, block in cut_into_blocks(matrix, rules):
         parts = run(block, members)
@@ -153,10 +127,7 @@ def run_sets(
 
 
 def parameter_matrix(columns: Columns, rules: UserRules = NO_USER_RULES) -> np.ndarray:
-    """Stack the columns as numbers, (len(PARAMETER_ROWS), n), a word as the index of its choice.
-
-    The parameters of user rules are below.
-    """
+    """Stack columns as numbers, (rows, n), a word as the index of its choice; parameters of rules are below."""
     matrix = np.stack([_as_numbers(name, columns[name], rules) for name in (*PARAMETER_ROWS, *rules.parameter_names)])
     row = _rows_by_name(matrix, rules)
     has_ratio = row["estimate_ratio"] >= 0.0
@@ -253,10 +224,7 @@ def _allocate_aligned(size: int) -> np.ndarray:
 
 
 def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
-    """Offsets of the named traces, (n_rows,), volume by volume where they have volumes.
-
-    An offset of V is given as -1 - offset, one of S as it is.
-    """
+    """Offsets of the named traces, (n_rows,), volume by volume; an offset of V is given as -1 - offset."""
     volumes = range(VOLUME_STRIDE, (n_volumes + 1) * VOLUME_STRIDE, VOLUME_STRIDE)
     states = {"T_w": (T_W, volumes), "T_c": (T_C, volumes), "T_a": (T_A, volumes), "W_a": (W_A, volumes)}
     states |= {"T_sup": (T_A, volumes[:1]), "W_sup": (W_A, volumes[:1]), "T_w_out": (T_W, volumes[-1:])}
@@ -284,9 +252,8 @@ def run_block(
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Run one block.
 
-    work: its state, from which a day that does not start at 0 goes on, and where the state at its end is left.  Return
-    metrics (N_METRICS, LANES), status (LANES,) and traces by name.  A trace is (n_points, LANES), or
-    (n_points, N, LANES) if it has volumes; those of failed lanes are NaN.
+    work: its state, which a day that does not start at 0 goes on from; left as at the end.  Return metrics (N_METRICS,
+    LANES), status (LANES,) and traces by name, (n_points, LANES) or (n_points, N, LANES), NaN in failed lanes.
     """
     n_volumes = block.config.n_volumes
     rows = trace_rows(request.names, n_volumes)

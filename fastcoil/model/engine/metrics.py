@@ -1,8 +1,6 @@
 """The metrics of a run, accumulated in the loop: one number per scenario and metric, no traces needed.
 
-All lanes of a block share the day: ``make_schedule`` flags, before the loop runs, which seconds count, are settled, or
-start or end a block of the metrics.  ``accumulate_*`` add to the sums; ``summarise`` turns them into the rows of
-``METRICS``.
+``make_schedule`` flags, before the loop runs, which seconds of the day count, are settled, or start or end a block.
 """
 
 from typing import NamedTuple
@@ -32,10 +30,7 @@ SWING_BLOCK_ENDS = 2048
 
 
 class DayHistory(NamedTuple):
-    """State of a loop before the first second of a day: set-point, °C, and whether the loop was on.
-
-    disturbed_at: second of this day, 0 or negative, of the last step of the set-point or start of the loop.
-    """
+    """Set-point, °C, and state of a loop before a day; disturbed_at: second, ≤ 0, of its last step or start."""
 
     T_set: float = np.nan
     enabled: bool = True
@@ -46,10 +41,7 @@ NO_HISTORY = DayHistory()
 
 
 class Schedule(NamedTuple):
-    """Seconds of a day that the metrics use.
-
-    flags: (n_steps,) int64, sums of the constants above; the other fields count flagged seconds or blocks.
-    """
+    """Seconds of a day that the metrics use: flags, (n_steps,), sums of the constants above, and counts of them."""
 
     flags: np.ndarray
     n_counted: int
@@ -195,10 +187,7 @@ def accumulate_second(S, V, controlled, flags, T_set, T_w_in, m_a, n_volumes):
 
 @section
 def watch_swing(S, V, t, flags, before, now, block):
-    """Follow the swing, its periods, and the disturbances that may explain it; add them to ``block``, see ``hunting``.
-
-    before, now: ``Inputs`` of the last sample and of this one.  block: (N_SWING_ROWS, LANES).
-    """
+    """Follow the swing, its periods, and the disturbances that may explain it; add to ``block``, see ``hunting``."""
     if flags & SWING_STARTS:
         before = now
         S[R.turned_up_at : R.d_mean] = np.nan
@@ -248,10 +237,7 @@ def watch_swing(S, V, t, flags, before, now, block):
 
 @section
 def track_metal_extremes(S, V, n_volumes):
-    """Update the largest distance of the metal from the middle of T_RANGE.
-
-    Water and air are weighted means of the metal and of what enters, so neither leaves the range before it does.
-    """
+    """Update the largest distance of the metal, the extreme of all temperatures, from the middle of T_RANGE."""
     for i in range(1, n_volumes + 1):
         cv = V[i * VOLUME_STRIDE :]
         for j in range(LANES):
@@ -261,10 +247,7 @@ def track_metal_extremes(S, V, n_volumes):
 
 @section
 def accumulate_frost(S, V, n_volumes, seconds):
-    """Add the seconds since the last check to the lanes in which water freezes on the metal or in the tubes.
-
-    Standing water has the temperature of its metal here: Eq (3) does not change it.
-    """
+    """Add the seconds since the last check to the lanes in which water freezes on the metal or in the tubes."""
     for j in range(LANES):
         S[R.coldest_wet + j] = np.inf
         S[R.coldest_water + j] = np.inf
@@ -299,10 +282,7 @@ def lane_status(S, V, j, n_volumes):
 
 @section
 def summarise(S, V, n_volumes, schedule, metrics, status):
-    """Fill ``metrics``, (N_METRICS, LANES), and ``status``, (LANES,), at the end of a run.
-
-    Failed lanes are NaN.  ESTIMATOR_METRICS and those of ``judge_swing`` are left as they are.
-    """
+    """Fill ``metrics``, (N_METRICS, LANES), NaN in failed lanes, and ``status``, (LANES,), at the end of a run."""
     seconds, settled, blocks = schedule.n_counted, schedule.n_settled, schedule.n_switch_blocks
     for j in range(LANES):
         status[j] = lane_status(S, V, j, n_volumes)

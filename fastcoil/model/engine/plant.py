@@ -1,8 +1,7 @@
 """What stands behind the valve of a block of lanes: a plant in place of the coil, and the room behind either.
 
-The coil is part of the kernel's own machine code, see ``coil``; a plant of the user is a stage.  It is called in every
-second before the controller, with the valve as the second before left it, as the air of a quasistatic march passes
-the coil.
+A plant of the user is a stage, called in every second before the controller, with the valve as the second before left
+it.
 """
 
 from functools import cache
@@ -93,8 +92,7 @@ def march_room(S, V, m_a, T_out, Q_room):
 def respond_to_step(rows, config, entering, before, after, n_before, S, V, plant_state, T):
     """Run the plants of a block at openings ``before`` for n_before seconds, then at ``after``, (LANES,) each.
 
-    entering: (5,), see ``at_rest.CONDITIONS``, held all the time.  S, V, plant_state: of a WorkSpace.
-    T: out, (n_steps, LANES), °C: what leaves in the seconds after the step.
+    entering: (5,), see ``at_rest.CONDITIONS``.  T: out, (n_steps, LANES), °C: what leaves after the step.
     """
     m_a, T_a_in, W_a_in, T_w_in, dp_ratio = entering[0], entering[1], entering[2], entering[3], entering[4]
     begin_run(S, V, rows, config.n_volumes, True, True, W_a_in)

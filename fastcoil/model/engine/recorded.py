@@ -1,7 +1,4 @@
-"""Parts of the loop on recorded signals: the coil alone, the valve alone, the gap of a stem, the controller alone.
-
-Each marches with the same scalar formulas as ``emulator``; the signals of the missing parts come from a record.
-"""
+"""Parts of the loop on recorded signals, with the formulas of ``emulate``: coil, valve, gap of a stem, controller."""
 
 import numpy as np
 
@@ -25,9 +22,8 @@ _COIL_COLUMN = name_offsets(COIL_COLUMNS)
 def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
     """March the coils of a block through a record.
 
-    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  seconds: (n,), those to record, ascending.
-    S, V: work space as for ``emulate``.  T_sup, T_w_out, wet: out, (n, LANES): temperatures at those seconds, °C,
-    and the number of wet volumes.
+    series: (n_steps, 5), columns as in COIL_COLUMNS, 1-s samples.  seconds: (n,), to record, ascending.  S, V: as for
+    ``emulate``.  T_sup, T_w_out, °C, wet (number of volumes): out, (n, LANES).
     """
     n_volumes, n_steps = config.n_volumes, series.shape[0]
     begin_run(S, V, rows, n_volumes, True, True, series[0, _COIL_COLUMN.W_a_in])
@@ -72,10 +68,7 @@ def march_coil(rows, config, series, seconds, S, V, T_sup, T_w_out, wet):
 
 
 def run_coil(matrix: np.ndarray, series: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, ...]:
-    """March many parameter sets, (len(PARAMETER_ROWS), n_sets), through a record.
-
-    Return T_sup, T_w_out, °C, and the number of wet volumes at the ``seconds``, (n, n_sets).
-    """
+    """March sets, (rows, n_sets), through a record: T_sup, T_w_out, °C, number of wet volumes, (n, n_sets)."""
 
     def run_block(block: Block, _: np.ndarray) -> list[np.ndarray]:
         T_sup, T_w_out, wet = (np.empty((seconds.size, LANES)) for _ in range(3))
@@ -136,12 +129,9 @@ def motor_positions(command, max_travel, positions):
 def mean_openings(positions, sizes, width, openings, squares):
     """Average the opening behind each candidate backlash, and its square, over ``width`` intervals at a time.
 
-    positions: (n + 1,), of the motor.  sizes: (c,), fractions of stroke.  openings, squares: out, (m, c); row k covers
-    the samples from k · width to (k + 1) · width.
-
-    Between two samples the motor runs one way, so that Eq (1) at the samples is exact; the opening between them counts
-    as the mean of both.  The position of the stem at the start of the log is unknown: it starts in the middle of its
-    play, which matters until a turn of the motor first closes the gap.
+    positions: (n + 1,), of the motor.  sizes: (c,), fractions of stroke.  openings, squares: out, (m, c).  Between two
+    samples the motor runs one way: Eq (1) at the samples is exact, and the opening between them counts as the mean of
+    both.  The stem starts in the middle of its play, which matters until a turn first closes the gap.
     """
     q = np.empty(sizes.size)
     before = np.empty(sizes.size)

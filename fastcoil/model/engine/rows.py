@@ -1,11 +1,7 @@
-"""The state of a block of lanes: which row holds what, and what a run starts from.
+"""The state of a block of LANES scenarios: which row holds what, and what a run starts from.
 
-A block is LANES scenarios side by side.  Its state is one flat array of rows of LANES doubles, so that row offsets are
-compile-time constants and the compiler needs no alias checks between rows.
-
-Four groups of rows follow one another.  *Parameter* rows hold the parameters of a scenario; *derived* rows follow from
-them and do not change.  *State* rows carry over to a later day.  *Sums* are what the metrics accumulate; every run
-resets them.
+It is one flat array of rows of LANES doubles, so that row offsets are compile-time constants: *parameter* rows,
+*derived* rows that follow from them, *state* rows, which carry over to a later day, and *sums* for the metrics.
 """
 
 from collections.abc import Iterable
@@ -73,8 +69,7 @@ Volume 0 carries the entering water in T_w, volume N + 1 the entering air in T_a
 def name_offsets(names: Iterable[str], stride: int = 1) -> Any:
     """Return an object with an attribute for each name: its index, times ``stride``.
 
-    It is a module, whose attributes are constants to the compiler.  A field of a named tuple would load the whole tuple
-    first, which took a fifth of a compilation.
+    It is a module, whose attributes are constants to the compiler: a named tuple took a fifth of a compilation.
     """
     offsets = ModuleType("offsets")
     vars(offsets).update({name: stride * k for k, name in enumerate(names)})

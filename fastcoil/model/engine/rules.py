@@ -1,8 +1,4 @@
-"""The rules of a block of lanes: the estimator in front of the PI, and the law in place of it.
-
-A rule sees one lane: a Sample, its parameters and its memory.  The last two are rows apart from those of the loop,
-which therefore do not depend on the rules.
-"""
+"""The rules of a block of lanes: the estimator in front of the PI, and the law in place of it."""
 
 from functools import cache
 from typing import Any
@@ -45,11 +41,7 @@ def adopt_estimate(S, j, t, x_hat):
 
 @cache
 def estimator_stage(estimator: Estimator) -> Any:
-    """Return the address of an estimator compiled for a block, see ESTIMATOR_SIGNATURE.
-
-    rule_state: its parameters, its memory, (n_parameters + n_memory) * LANES, and an array for each lane if it has one.
-    At the start only the memory is filled.
-    """
+    """Return the address of a compiled estimator; rule_state: its parameters, memory, and an array for each lane."""
     step, start, confirms = map(compile_exact, (estimator.step, estimator.start, estimator.confirms))
     Parameters, Memory, defaults = estimator.Parameters, estimator.Memory, memory_defaults(estimator.Memory)
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
@@ -105,10 +97,7 @@ call_law = LAW_SIGNATURE.call
 
 @cache
 def law_stage(law: StepRule) -> Any:
-    """Return the address of a control law compiled for a block, see LAW_SIGNATURE.
-
-    rule_state: its parameters, then its memory.  The memory is reset at the start and while the controller is off.
-    """
+    """Return the address of a law compiled for a block, see LAW_SIGNATURE; rule_state: parameters, then memory."""
     step, Parameters, Memory, defaults = law.step, law.Parameters, law.Memory, memory_defaults(law.Memory)
     memory_at = len(Parameters._fields) * LANES
 

@@ -20,10 +20,7 @@ from fastcoil.model.physics import LEAST_WATER_FLOW_KG_S
 
 @section
 def update_water_flow(S, leaks, is_linear):
-    """Update the water flow of every lane, Eq (2): a short loop for each exponential and logarithm.
-
-    leaks, is_linear: whether the leakage of any lane is given, and whether the curve of any is a straight line.
-    """
+    """Update the water flow of every lane, Eq (2): a short loop for each exponential and logarithm any lane needs."""
     for j in range(LANES):
         S[R.growth + j] = physics.flow_exponential(S[R.opening + j], S[R.valve_b + j], S[R.valve_c + j])
     for j in range(LANES):
@@ -50,10 +47,7 @@ def update_water_flow(S, leaks, is_linear):
 
 @section
 def scale_water_flow(S, j, dp_ratio):
-    """Scale the water flow of lane j, that at the design pressure difference, to one ``dp_ratio`` times as large.
-
-    A pressure-independent valve takes what is beyond the design pressure itself.
-    """
+    """Scale the design water flow of lane j to ``dp_ratio``; a pressure-independent one absorbs ratios above 1."""
     takes_rest = (S[R.pressure_independent + j] > 0.0) & (dp_ratio > 1.0)
     root = 1.0 if takes_rest else np.sqrt(dp_ratio)
     S[R.m_w + j] *= root

@@ -75,11 +75,7 @@ def initial_memory(p):
 
 @exact
 def update_estimate(now, p, memory):
-    """Move the estimate along the gradient, unless u is at an end or a step was not long ago.
-
-    It starts anew at u = 0, as after a time off.  The reference model has no dead time: what the loop makes of one is
-    over before the pause is.
-    """
+    """Move the estimate along the gradient, unless u is at an end or a step was not long ago; anew at u = 0."""
     starts_anew = np.isnan(memory.T_ref) or now.u <= 0.0
     sign = 1.0 - 2.0 * p.action
     T_set = now.T - sign * now.e  # of the sample that is seen

@@ -19,9 +19,8 @@ LARGEST_PEAK_RATIO = 2.0  # largest error of a half period over its mean: a squa
 def crossed_gap(duration, iae, kp, ti, plant_gain):
     """Gap crossed in a half period, d = K (Δt/Ti - 1/(K Kp)) Δy; fraction of stroke.
 
-    duration: Δt, s.  iae: integral of the absolute error over it, Δy Δt, K s.  kp: gain K of the controller, 1/K.
-    plant_gain: Kp, K per stroke.  All that the PI integrates crosses the gap, but for what moves the valve, Δy/Kp.
-    Written with one division, which takes as long as the rest.
+    duration: Δt, s.  iae: Δy Δt, K s.  kp: K, 1/K.  plant_gain: Kp, K per stroke.  All that the PI integrates crosses
+    the gap, but for what moves the valve, Δy/Kp.  Written with one division, which takes as long as the rest.
     """
     return (kp * plant_gain * duration - ti) * iae / (plant_gain * ti * duration)
 
@@ -95,9 +94,8 @@ def initial_memory(p):
 def update_estimate(now, p, memory):
     """Add a sample to its half period, and where one ends, take its gap into the running median.
 
-    The median of the last five needs five rows, forgets what is old, and ignores single disturbances, whose gaps are
-    several times too large.  An inverse that acts on the estimate leaves only the rest of the gap to be seen, so the
-    estimate is then final; where no share of it is assumed it goes on.
+    The median of five ignores single disturbances.  An inverse that acts on the estimate leaves only the rest of the
+    gap to be seen, so the estimate is then final.
     """
     e = low_pass(memory.e, now.e, memory.weight)
     size = abs(e)

@@ -79,11 +79,7 @@ def remember_change(w, change):
 
 @exact
 def add_row(w, decay):
-    """Add one horizon to all sums; what was in them counts ``decay`` as much as before.
-
-    The more the motor moves, as the stem of candidate 1 does, the larger is the error of a linear model: the horizon
-    counts less.
-    """
+    """Add one horizon to all sums, which first ``decay``; the more the motor moves, the less the horizon counts."""
     move = 0.0
     for a in range(N_MOVES):
         move += abs(w[MOVES_AT + a * N_CANDIDATES + 1])
@@ -174,10 +170,7 @@ def weigh_candidate(w, c, total, freedom):
 
 @exact
 def compare_candidates(w, rows):
-    """Store the log-likelihoods of the candidates; return whether there is anything to explain.
-
-    rows: horizons in the sums, each by how much it still counts.
-    """
+    """Store the log-likelihoods of the candidates after ``rows`` horizons; return whether any can be told apart."""
     factorise(w)
     solve_row(w, 0, SUMS_AT, N_COMMON)
     total = w[SUMS_AT]
@@ -255,10 +248,7 @@ def decide_estimate(w, estimate, certainty):
 
 @exact
 def mean_position(q_before, q, running_time, stroke_time, interval):
-    """Mean place of a stem over an interval in which it waited for its gap to close, moved, and stopped at q.
-
-    running_time: of the motor, s; stroke_time, interval: s.
-    """
+    """Mean place of a stem over an interval in which it waited for its gap to close, moved, and stopped at q."""
     stroke = q - q_before
     return q - stroke * (running_time - 0.5 * abs(stroke) * stroke_time) / interval
 
@@ -308,10 +298,7 @@ def initial_memory(p):
 
 @exact
 def close_horizon(w, width, deviation):
-    """Store the changes of the mean openings to the horizon that ends.
-
-    deviation: of its last temperature from its mean, K.
-    """
+    """Store the changes of mean openings to the horizon that ends; deviation: of its last temperature, K."""
     w[LAGS_AT + DEVIATION_AT] = deviation
     for c in range(N_CANDIDATES):
         for a in range(N_MOVES - 1, 1, -1):

@@ -12,10 +12,7 @@ from fastcoil.model.numerics.jit import exact
 
 @exact
 def filter_weight(time_constant, sample_time):
-    """Weight of a new value in a first-order filter, times in s.
-
-    A backward difference: no overshoot however slow the samples are.
-    """
+    """Weight of a new value in a first-order filter, times in s: a backward difference, without overshoot."""
     return sample_time / (time_constant + sample_time)
 
 
@@ -32,10 +29,7 @@ def is_sample(t, sample_time):
 
 
 class Sample(NamedTuple):
-    """Signals that an estimator sees when a controller sample begins; a controller in the field knows them all.
-
-    ``e`` to ``switches`` belong to the sample before: the new estimate acts from this sample on.
-    """
+    """Signals that an estimator sees when a sample begins; ``e`` to ``switches`` belong to the sample before."""
 
     t: float  # time since the start, s
     T_set: float  # set-point now, °C
@@ -57,46 +51,33 @@ def memory_defaults(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
 
 @dataclass(frozen=True)
 class StepRule:
-    """A rule that is called again and again with a memory: a law in place of the PI, a plant in place of the coil.
+    """A rule that is called again and again with a memory: a law in place of the PI, a plant in place of the coil."""
 
-    name: the word in ``law = …``, ``plant = …`` or ``estimator = …``.
-    Parameters, Memory: named tuples of floats.  The fields of ``Parameters`` are names of loop parameters; ``Memory``
-    is what one call leaves to the next.
-    step: (Sample, Parameters, Memory) → (u, Memory) at every controller sample; of a plant (PlantInputs, Parameters,
-    Memory) → (temperature of what leaves, °C, Memory) in every second.
-    fingerprint: text that changes with what a user's rule does; empty for those of the package.
-    """
-
-    name: str
-    Parameters: Any
-    Memory: Any
+    name: str  # the word in ``law = …``, ``plant = …`` or ``estimator = …``
+    Parameters: Any  # a named tuple of floats, whose fields are names of loop parameters
+    Memory: Any  # a named tuple of floats: what one call leaves to the next
+    # (Sample, Parameters, Memory) → (u, Memory) at every controller sample; of a plant in every second
+    # (PlantInputs, Parameters, Memory) → (temperature of what leaves, °C, Memory)
     step: Any
-    fingerprint: str = field(default="", kw_only=True)
+    fingerprint: str = field(default="", kw_only=True)  # text that changes with what a user's rule does
 
 
 @dataclass(frozen=True)
 class Estimator(StepRule):
-    """A rule that estimates the backlash.
+    """A rule that estimates the backlash; step: (Sample, Parameters, Memory) → (estimate, Memory), not at the start."""
 
-    step: (Sample, Parameters, Memory) → (estimate, Memory), called at every controller sample but the first.
-    start: Parameters → Memory at the start; by default the defaults of Memory.
-    periods: rows of a block by name → seconds at whose multiples the rule may act, where these are not the controller
-    samples; the rule then decides itself when to act.
-    confirms: (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
-    estimate that moves in steps reached the true backlash and stepped back from it.
-    results: Memory of arrays, one value per lane, at the end of a run → metrics by name.
-    n_floats: size of an array that each lane has as well, 0 at the start.  ``step`` then takes it as fourth argument,
-    changes it in place, and is called for no lane that does not sample or is off.
-    waives_buffer: whether the loop is plain PI, without the buffer of the inverse, while its estimate is 0.
-    sees_error: rows of a block by name → whether a rule with ``periods`` looks at T or e; without them it may.
-    """
-
-    start: Any = None
+    start: Any = None  # Parameters → Memory at the start; by default the defaults of Memory
+    # rows of a block by name → seconds at whose multiples the rule decides whether to act, if not the samples
     periods: Callable[[Mapping[str, np.ndarray]], np.ndarray] | None = None
+    # (t, Parameters, Memory, true backlash, reached, confirmed) → (reached, confirmed), the times at which an
+    # estimate that moves in steps reached the true backlash and stepped back from it
     confirms: Any = None
-    results: Callable[[Any], dict[str, np.ndarray]] | None = None
+    results: Callable[[Any], dict[str, np.ndarray]] | None = None  # Memory of arrays, a value per lane, at the end
+    # size of an array that each lane has as well, 0 at the start: ``step`` takes it as fourth argument, changes it in
+    # place, and is called for no lane that does not sample or is off
     n_floats: int = 0
-    waives_buffer: bool = False
+    waives_buffer: bool = False  # whether the loop is plain PI, without the buffer, while its estimate is 0
+    # rows of a block by name → whether a rule with ``periods`` looks at T or e; without them it may
     sees_error: Callable[[Mapping[str, np.ndarray]], bool] | None = None
 
     @property

@@ -45,10 +45,7 @@ def classify_interval(switches, f, f_ref, sample_time, min_switches, max_referen
 
 @exact
 def is_error_worse(squares, n, reference_squares, reference_n, ratio):
-    """Whether the rms of n errors exceeds ``ratio`` times that of the reference, given both sums of squares.
-
-    Not where there are no errors to compare, or where ``ratio`` is 0.
-    """
+    """Whether the rms of n errors, given sums of squares, exceeds ``ratio`` times the reference; never at 0."""
     return ratio > 0.0 and squares * reference_n > ratio * ratio * reference_squares * n
 
 

@@ -1,8 +1,4 @@
-"""Estimators of the package by number: each has a file of its name here, and a word among the choices.
-
-Another one needs a file with an ``ESTIMATOR`` and its word in the parameter ``estimator``; its parameters, if it has
-any, are rows of the same table.  Blocks, checks, replay and export of a controller find it by that word.
-"""
+"""Estimators of the package by number: a file for each, with an ``ESTIMATOR``, and a word among the choices."""
 
 from importlib import import_module
 

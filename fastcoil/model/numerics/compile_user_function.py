@@ -1,8 +1,7 @@
 """Compile a function of the user with the functions that it calls; refuse one that cannot run in the kernel.
 
-Code in the loop over lanes may neither allocate nor raise.  Both are visible in the machine code.  A table is a tuple:
-an index past its end would raise, so a rule that compiles has none.  Indices of arrays and bytes are not checked, so
-both are refused.
+Code in the loop over lanes may neither allocate nor raise: both are visible in the machine code.  Indices of arrays and
+bytes are not checked, so both are refused; a table is a tuple.
 """
 
 import dis
@@ -31,10 +30,7 @@ _ALLOWED_IN_RULES = (
 
 
 class UserFunction:
-    """A function of the user with everything that it calls, ready to be compiled.
-
-    function: for the compiler.  sha256: hash of everything that decides what it does.
-    """
+    """A function of the user with all that it calls, for the compiler, and a hash of what decides what it does."""
 
     def __init__(self, name: str, function: Any, memory: Any) -> None:
         self._name, self._memory = name, memory

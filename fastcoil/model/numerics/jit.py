@@ -136,11 +136,7 @@ def _report_progress(n_done: int, n_functions: int) -> None:
 
 
 def observed_compile(compile: Callable[..., Any], function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap the compiling of a kernel, of this ``function``, to report its progress and to have less overhead.
-
-    The compiler makes millions of objects, and nearly all of them live until it ends: scanning them takes a quarter of
-    a compilation.
-    """
+    """Wrap the compiling of ``function`` to report its progress, and to spare the scans of the garbage collector."""
 
     def wrapper(*arguments: Any) -> Any:
         with global_compiler_lock:  # one after another, so that each restores the threshold of the user
@@ -174,10 +170,7 @@ def _inlined_functions(function: Callable[..., Any]) -> set[InlinedFunction]:
 
 @contextmanager
 def widest_vectors() -> Iterator[None]:
-    """Allow vectors of 512 bits in loops over lanes: the optimiser asks this machine how wide they should be.
-
-    The numbers are the same: each lane has the same arithmetic as in a narrower vector.
-    """
+    """Allow vectors of 512 bits in loops over lanes, which do not change the numbers, if this machine has them."""
     codegen = cpu_target.target_context.codegen()
     before, cpu, features = codegen._tm, codegen._get_host_cpu_name(), codegen._tm_features
     if "+avx512f" in features.split(","):
@@ -225,11 +218,7 @@ def model_sha256() -> str:
 
 @cache
 def fingerprint() -> str:
-    """Hash of everything that decides what a compiled kernel does.
-
-    Numba invalidates a cached kernel when its own file changes, not when a formula it calls does; a folder
-    named by this hash cannot hold stale physics.
-    """
+    """Hash of everything that decides what a compiled kernel does: Numba looks at the kernel's own file alone."""
     settings = [model_sha256(), sys.version, *(f"{name}={value}" for name, value in numeric_environment().items())]
     settings += [f"{k}={v}" for k, v in sorted(os.environ.items()) if k.startswith("NUMBA_") and k != "NUMBA_CACHE_DIR"]
     return hashlib.sha256("\n".join(settings).encode()).hexdigest()[:16]

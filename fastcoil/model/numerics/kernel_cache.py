@@ -1,10 +1,7 @@
 """The folder of compiled kernels: a file that is damaged, or that another user may have written, is never loaded.
 
-Loading a kernel unpickles a file and runs the machine code in it.  So a folder is used only if its owner and mode
-prevent other users from putting a file there, and a file only if its bytes match the SHA-256 in front of them.
-Anything else counts as missing: the kernel is compiled again.
-
-No number depends on this file: it decides whether a kernel is compiled, not to what.
+Loading a kernel runs machine code.  So a folder is used only if its owner and mode keep other users from writing there,
+and a file only if its bytes match the SHA-256 in front of them; anything else is compiled again.
 """
 
 import contextlib
@@ -34,10 +31,7 @@ _FORMAT = b"fastcoil kernel 1\n"
 
 
 class KernelCache(Cache):  # type: ignore[misc]
-    """Cache of the kernels of one function, a file for each signature, as Numba calls it.
-
-    identity: everything that a closure closes over, as text; Numba's own key differs between processes.
-    """
+    """Cache of the kernels of one function, a file for each signature; identity: what a closure closes over."""
 
     def __init__(self, function: Callable[..., Any], folder: Path, identity: str = "") -> None:
         self._py_func, self._folder, self._identity = function, folder, identity
@@ -96,10 +90,7 @@ def _numba_settings() -> dict[str, str]:
 
 @cache
 def kernel_folder(fingerprint: str) -> Path | None:
-    """Return the folder of the kernels with a fingerprint, created if missing.
-
-    ``None``, with a warning, where it cannot be created or another user may write to it.
-    """
+    """Return the folder of the kernels with a fingerprint, made if missing; None, with a warning, if unsafe."""
     cache_home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     # the standard ignores a relative path, which would depend on the current folder
     base = cache_home if cache_home.is_absolute() else Path(os.path.expanduser("~")) / ".cache"

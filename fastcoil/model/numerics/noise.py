@@ -1,9 +1,7 @@
-"""Counter-based Gaussian noise, Philox4x32-10 and Box–Muller, and a low-pass filter.
+"""Counter-based Gaussian noise, Philox4x32-10 (Salmon et al. 2011, doi:10.1145/2063384.2063405), and a low-pass filter.
 
-Salmon et al. (2011), doi:10.1145/2063384.2063405.
-
-A number depends on (seed, sample, channel, replicate, day) only: not on the scenario, the thread or earlier draws.
-Every loop of a study has the same noise, so differences between loops are paired.
+A number depends on (seed, sample, channel, replicate, day) only, not on the scenario, thread or earlier draws: every
+loop of a study has the same noise, so differences between loops are paired.
 """
 
 import numpy as np
@@ -60,10 +58,7 @@ def normal_pair(pair, channel, replicate, day, k0, k1):
 
 @kernel
 def low_pass(x, decay, y):
-    """Filter x, (n,), into y, (n,): y[t] = decay y[t - 1] + (1 - decay) x[t], with y = 0 before the first sample.
-
-    decay = e^(-dt/τ); x and y may be the same array.
-    """
+    """Filter x, (n,), into y, which may be x: y[t] = decay y[t - 1] + (1 - decay) x[t] with decay = e^(-dt/τ)."""
     gain = 1.0 - decay
     carried = 0.0
     for t in range(x.size):

@@ -1,11 +1,8 @@
 """Stages: loops over lanes that are compiled apart and called by their address, so that a kernel is compiled once.
 
-A kernel takes the address of a stage as an argument.  All stages of one kind have one signature, so that the kernel is
-the same machine code whichever of them it is given; one more stage costs about a second, one more kernel 16.
-
-A call costs some 20 ns, 3 % of a step in which all lanes sample: what every loop needs is BUILT_IN.  Addresses are
-plain numbers: Numba's own function type takes three pointers and keeps references, which made the whole
-loop 5 to 8 % slower.
+All stages of one kind have one signature; one more stage costs about a second, one more kernel 16.  A call costs some
+20 ns, 3 % of a step in which all lanes sample: what every loop needs is BUILT_IN.  Numba's own function type, in place
+of addresses, made the loop 5 to 8 % slower.
 """
 
 import threading
@@ -35,20 +32,14 @@ _COMPILED_STAGES: list[Any] = []  # machine code must not go away while its addr
 
 
 class StageSignature:
-    """Names and types of the arguments of a kind of stage, and the type that it returns.
-
-    A kernel calls a stage with ``call(address, arguments)``.
-    """
+    """Names and types of the arguments of a kind of stage and of its result; ``call`` takes an address and these."""
 
     def __init__(self, *, returns: Any = types.void, **arguments: Any) -> None:
         self._arguments, self._returns = arguments, returns
         self.call = _make_caller(tuple(arguments.values()), returns)
 
     def compile(self, function: Callable[..., Any], identity: str) -> Any:
-        """Compile ``function`` and return its address.  In the interpreter, return the function.
-
-        identity: everything that the function closes over, as text: its key in the cache.
-        """
+        """Compile ``function`` and return its address, or in the interpreter itself; identity: what it closes over."""
         assert function.__code__.co_varnames[: function.__code__.co_argcount] == tuple(self._arguments)
         if not JIT_ENABLED:
             return function

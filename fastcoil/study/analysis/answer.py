@@ -203,9 +203,11 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
     best = largest((right.round(2) + 1e-3 * speed).where(is_safe if has_safe else True, -np.inf))
     runs, n = learned.describe_runs(results), int(table["n"].isel(best).sum())
     cell, setting = table.isel(best, drop=True), describe_labels_at(table, best)
+    identify: Any = comparators.get("identify")
     if has_safe:
-        advice = f"take {setting}."
-        worst_time = learned.describe_time(cell.isel(largest(-cell["share_right"])), n / cell["share_right"].size, runs)
+        is_beaten = plain is not None and learned.is_better(identify, plain, cell, error.isel(best), travel.isel(best))
+        advice = f"prefer identify; of these settings take {setting}." if is_beaten else f"take {setting}."
+        worst_time = learned.describe_time(cell.isel(largest(-cell["share_right"])), n / cell["share_right"].size)
         brings = f"the backlash is found on {_mean_share(cell['share_right'])} of the {runs}: {worst_time}"
         brings += ", in the worst condition." if cell["share_right"].ndim else "."
     else:
@@ -215,17 +217,14 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
     costs = f"{float(table['switch_frequency'].isel(best).median()):.1f} mode switches in 10 min"
     if has_plain:
         change, ratio = change_in_words(error.isel(best)), float(travel.isel(best).median())
-        costs = f"the RMS error is {change} than with the plain PI, at {ratio:.2g} times its travel and {costs}"
+        costs = f"RMS error {change} than with the plain PI, {ratio:.2g} times its travel, {costs}"
     fails, lowest = [], choices.unlimited
     if lowest != best and not bool(choices.is_plain.isel(lowest)):
-        there = table.isel(lowest)
-        fails.append(
-            f"the setting of least error, {describe_labels_at(table, lowest)}, is right on "
-            f"{_mean_share(there['share_right'])} and too high on {_mean_share(there['share_too_high'])} of the {runs}"
-        )
+        share_right = _mean_share(table["share_right"].isel(lowest))
+        fails.append(f"the setting of least error, {describe_labels_at(table, lowest)}, is right on {share_right}")
     alternatives = [_describe_comparator(name, part, plain, runs) for name, part in comparators.items()]
     return Answer(
-        question, _recommended_values(table, best) if has_safe else {}, advice, brings, f"while it learns, {costs}.",
+        question, _recommended_values(table, best) if has_safe else {}, advice, brings, f"while it learns: {costs}.",
         tuple(fails), tuple(alternatives), table, _labels_of(table, best),
     )  # fmt: skip
 
@@ -233,12 +232,12 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
 def _describe_comparator(name: str, part: xr.Dataset, plain: xr.Dataset, runs: str) -> str:
     """Describe what identify or a fixed estimate did on the same days."""
     travel = float((part["motor_travel"] / plain["motor_travel"]).median())
-    text = f"{name}: the RMS error is {change_in_words(part['rmse'] / plain['rmse'])}, at {travel:.2g} times the travel"
+    text = f"{name}: RMS error {change_in_words(part['rmse'] / plain['rmse'])}, {travel:.2g} times the travel"
     if name != "identify":
         return f"{text}."
     hours = float(part["time_median"].median()) / 3600.0
     within = f", half within {hours:.2g} h" if math.isfinite(hours) else ""
-    return f"{text}; it is right on {_mean_share(part['share_right'])} of the {runs}{within}."
+    return f"{text}, right on {_mean_share(part['share_right'])} of the {runs}{within}."
 
 
 def _answer_single(question: str, table: xr.Dataset) -> Answer:
@@ -269,12 +268,15 @@ def _answer_spread(question: str, choices: Choices) -> Answer:
 
 
 _MOST_DRIVERS = 3  # named in a sentence
+_MOST_INTERVAL = 0.3  # of an index, of a 95 % interval up to which numbers are quoted
 _MOST_DRIVEN, _MOST_SHORT = 3, 2  # metrics, or cells of one, after the first, and drivers named there
 
 
 def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
     """Describe which sampled parameters drive the spread of each metric, by Sobol' indices."""
     metrics = [n for n in ("rmse", "motor_travel", "hunts") if n in results and bool(results[n].notnull().any())]
+    if "hunts" in metrics and not HUNTING_LIMIT <= float(results["hunts"].mean()) <= 1.0 - HUNTING_LIMIT:
+        metrics.remove("hunts")  # a handful of loops has no spread to share out
     table = sobol_indices(results, metrics, drop_failed=True)
     others = [str(d) for d in table["rmse"].dims if d not in ("parameter", "index", "edge")]
     lines: list[str] = []
@@ -289,9 +291,14 @@ def _answer_drivers(question: str, results: xr.Dataset) -> Answer:
         return Answer(question, {}, "the sampled parameters do not change the RMS error.", table=table)
     n = int(table["rmse_n_samples"].min())
     width = table["rmse"].sel(edge="high", index="first_order") - table["rmse"].sel(edge="low", index="first_order")
-    fails = (f"{n:,} samples are too few to tell the parameters apart: draw {4 * n:,}",) if width.max() > 0.3 else ()
+    if width.max() > _MOST_INTERVAL:
+        total = table["rmse"].sel(edge="value", index="total").median(others)
+        strongest = [quantity(str(total["parameter"].values[k])).text for k in np.argsort(-total.values)[:_MOST_SHORT]]
+        advice = f"{n:,} samples are too few to tell the parameters apart, draw {4 * n:,}; so far "
+        advice += f"{shorten(' and '.join(strongest))} change the RMS error most."
+        return Answer(question, {}, advice, table=table)
     advice = f"of the spread of the {lines[0]} (from {n:,} samples; brackets: 95 % intervals)."
-    return Answer(question, {}, advice, fails=fails, alternatives=tuple(lines[1 : 1 + _MOST_DRIVEN]), table=table)
+    return Answer(question, {}, advice, alternatives=tuple(lines[1 : 1 + _MOST_DRIVEN]), table=table)
 
 
 def _describe_indices(indices: xr.DataArray, is_short: bool) -> str:
@@ -342,7 +349,8 @@ def _describe_costs(choices: Choices, best: Mapping[str, int]) -> str:
             ratio = float(choices.travel.isel(best))
             parts[0] += f", {ratio:.2g} times as far as with {calmest}" if abs(ratio - 1.0) >= 0.05 else ""
     if "hunts" in cell:
-        parts.append(f"{_mean_share(cell['hunts'])} of the loops hunt")
+        share = float(cell["hunts"].mean())
+        parts.append(f"{format_share(share)} of the loops hunt" if share else "no loop hunts")
     return f"{'; '.join(parts)}." if parts else ""
 
 
@@ -375,7 +383,7 @@ def _describe_worst(choices: Choices, best: Mapping[str, int]) -> list[str]:
         return []
     at = largest(cell["rmse"])
     where = f"at {describe_labels_at(cell, at)}"
-    parts = [f"the error is largest {where}: {float(cell['rmse'].isel(at)):.3g} K (median)"]
+    parts = [f"the error is largest {where}: {float(cell['rmse'].isel(at)):.3g} K"]
     if "hunts" in cell and float(cell["hunts"].max()) > HUNTING_LIMIT:
         at, share = largest(cell["hunts"]), format_share(float(cell["hunts"].max()))
         is_everywhere = float(cell["hunts"].min()) > float(cell["hunts"].max()) - 0.05

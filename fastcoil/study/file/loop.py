@@ -1,7 +1,4 @@
-"""Build the ``Loop`` of a study from the tables ``[loop]``, ``[sweep]``, ``[cases.NAME]`` and ``[sample]``.
-
-The parameters of ``[sample]`` are drawn together, zipped along the dimension ``sample``.
-"""
+"""Build the ``Loop`` of a study from the tables ``[loop]``, ``[sweep]``, ``[cases.NAME]`` and ``[sample]``."""
 
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -30,10 +27,9 @@ _MAX_INCLUDES = 100
 
 
 def read_includes(loop: Mapping[str, Any], folder: Path, given: Collection[str] = ()) -> dict[str, Any]:
-    """Read the parameters in the files that ``include`` in a study's ``[loop]`` names.
+    """Read the parameters in the files that ``include`` in a study's ``[loop]`` names, with paths from ``folder``.
 
-    Paths start from ``folder``.  Of a file ``[loop]`` is read, and whether ``[fit]`` says that the gap was not
-    identified: then the study has to give its own.  given: names of the parameters that it gives elsewhere.
+    A gap that ``[fit]`` calls not identified has to be ``given`` elsewhere in the study.
     """
     names = loop.get("include", [])
     if not isinstance(names, list) or len(names) > _MAX_INCLUDES or not all(isinstance(name, str) for name in names):
@@ -81,11 +77,7 @@ SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace":
 def build_loop(
     file: StudyFile, included: Mapping[str, Any], rules: Mapping[str, Rule], folder: Path, batches: int = 1
 ) -> Loop:
-    """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample.
-
-    rules: user-defined ones, by the names that stand for them in the tables.  folder: where the paths of ``[sample]``
-    start.  batches: how many designs are drawn.
-    """
+    """Build the loop of a study from its tables, what it includes, and user-defined rules by their names there."""
     if len(file.cases) > _MAX_DIMS:
         sentence = f"[cases] has {len(file.cases):,} tables: give at most {_MAX_DIMS}, each is a dimension"
         raise InputError(sentence, "cases", "size")

@@ -1,8 +1,7 @@
 """Draw the parameters of ``[sample]``: designs, distributions, rank correlations.
 
-A design is ``size`` points of the unit cube with one dimension for each parameter.  Correlations move the points, and
-the quantiles of a parameter's distribution turn its coordinates into values: another distribution of one parameter
-changes no other.
+A design is ``size`` points of the unit cube; the quantiles of a parameter's distribution turn its coordinates into
+values, so that another distribution of one parameter changes no other.
 """
 
 from collections import Counter
@@ -101,12 +100,10 @@ def sample_values(
 ) -> dict[str, xr.DataArray]:
     """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
-    The same table always gives the same values; with the methods ``sobol``, ``saltelli`` and ``random`` they are the
-    first of a larger ``size``.  ``saltelli`` draws two independent samples, ``A`` and ``B`` along a dimension
-    ``design``, and for each parameter ``A`` with only that parameter taken from ``B``.
-
-    folder: where paths start.  batches: how many independent designs of ``size`` points are drawn, one after another;
-    the first is that of a single one.
+    The same table always gives the same values, with all methods but ``latin_hypercube`` the first of a larger
+    ``size``.  ``saltelli`` draws two independent samples, ``A`` and ``B`` along a dimension ``design``, and for each
+    parameter ``A`` with only that parameter taken from ``B``.  batches: how many independent designs are drawn, one
+    after another.
     """
     distributions = _parse_sample(table, known, folder)
     names = list(distributions)
@@ -202,10 +199,8 @@ def _parse_distribution(parameter: Parameter, shape: object, folder: Path) -> Qu
 
 def _parse_shape(parameter: Parameter, kind: str, arguments: Any, shape: Mapping[str, Any], folder: Path) -> Quantiles:
     if kind not in DISTRIBUTION_KINDS:
-        suggestion = did_you_mean(kind, DISTRIBUTION_KINDS)
-        raise InputError(
-            f"unknown distribution{suggestion}; known: {', '.join(DISTRIBUTION_KINDS)}", parameter.name, "name"
-        )
+        known = f"{did_you_mean(kind, DISTRIBUTION_KINDS)}; known: {', '.join(DISTRIBUTION_KINDS)}"
+        raise InputError(f"unknown distribution{known}", parameter.name, "name")
     if kind == CHOICE:
         return _choice_quantiles(_parse_choices(parameter.name, arguments))
     if parameter.is_word or (parameter.whole and kind != CSV):
@@ -328,10 +323,8 @@ def _check_correlation(table: Mapping[str, Any]) -> None:
             add(f"{pair} = {rho}: must be above -1 and below 1", "value")
     for names_of_pair, n in Counter(frozenset(pair[:2]) for pair in pairs).items():
         if n > 1 or len(names_of_pair) == 1:
-            add(
-                f"correlation of {' and '.join(sorted(names_of_pair))}: give each pair of two parameters once",
-                "duplicate",
-            )
+            pair = " and ".join(sorted(names_of_pair))
+            add(f"correlation of {pair}: give each pair of two parameters once", "duplicate")
     raise_problems(problems)
     if np.linalg.eigvalsh(_correlation_matrix(names, pairs)).min() < 1e-9:
         pairs_text = ", ".join(f"{a} and {b} = {rho}" for a, b, rho in pairs)

@@ -1,9 +1,4 @@
-"""The strict reader of study files (TOML): it guesses nothing and reports all mistakes together.
-
-A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
-``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
-``[boundary]`` (``kind`` and its arguments), ``[run]`` and ``[tune]``; all but ``[loop]`` may be absent.
-"""
+"""The strict reader of study files (TOML): it guesses nothing and reports all mistakes together."""
 
 from __future__ import annotations
 
@@ -22,7 +17,7 @@ from fastcoil.base.files import read_text
 from fastcoil.design.tuning_plan import TuningRequest, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
-from fastcoil.loops.boundary.weather import weather_day, weather_year
+from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
@@ -41,7 +36,6 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "heating_day": heating_day,
     "csv": Boundary.from_csv,
     "weather": weather_day,
-    "weather_year": weather_year,
 }
 
 
@@ -49,10 +43,7 @@ _MAX_DAYS = 1_000_000  # as many as an axis may have values
 
 
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
-    """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent.
-
-    ``days = 80`` stands for the seeds 1 to 80.
-    """
+    """Build the boundary of a study, by default ``paper_day()``; ``days = 80`` stands for the seeds 1 to 80."""
     arguments = dict(table)
     kind = require_choice("kind", arguments.pop("kind", "paper_day"), BOUNDARY_KINDS)
     make = BOUNDARY_KINDS[kind]
@@ -150,36 +141,26 @@ _TABLES_WITHOUT_EFFECT = ("title", "question", "tune")  # on which no scenario d
 
 @dataclass(frozen=True)
 class Study:
-    """A study that can be run: its text and tables, its question, and the validated plan.
-
-    folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names.  included_parameters:
-    from the files in ``[loop] include``.  sample_file_hashes: of the files that ``[sample]`` names.  rules: the code of
-    user-defined estimators, control laws and plants, by name.  tuning, precision: of
-    ``[tune]`` and ``[run] precision``.  batches: of samples in ``plan``.  largest_plan: the
-    plan of the most samples that may be drawn.
-    """
+    """A study that can be run: its text and tables, its question, and the validated plan."""
 
     text: str
     tables: Mapping[str, Any] = field(repr=False)
     title: str
     question: str
     plan: Plan
-    folder: Path
-    reduction: UserCode | None
-    included_parameters: Mapping[str, Any] = field(default_factory=dict)
-    sample_file_hashes: Sequence[str] = ()
-    rules: Mapping[str, UserCode] = field(default_factory=dict)
-    tuning: TuningRequest | None = None
-    precision: Precision | None = None
-    batches: int = 1
-    largest_plan: Plan | None = field(default=None, repr=False)
+    folder: Path  # where its relative paths start
+    reduction: UserCode | None  # of ``[run] reduce``
+    included_parameters: Mapping[str, Any] = field(default_factory=dict)  # from the files in ``[loop] include``
+    sample_file_hashes: Sequence[str] = ()  # of the files that ``[sample]`` names
+    rules: Mapping[str, UserCode] = field(default_factory=dict)  # code of user-defined rules, by name
+    tuning: TuningRequest | None = None  # of ``[tune]``
+    precision: Precision | None = None  # of ``[run] precision``
+    batches: int = 1  # of samples in ``plan``
+    largest_plan: Plan | None = field(default=None, repr=False)  # that of the most samples that may be drawn
 
     @property
     def sha256(self) -> str:
-        """Hash of everything that decides the result: the tables, included files, the boundary, the user's code.
-
-        Title, question, ``[tune]``, comments and formatting do not count.
-        """
+        """Hash of all that decides the result: tables but ``[tune]``, included files, the boundary, the user's code."""
         decisive = {name: table for name, table in self.tables.items() if name not in _TABLES_WITHOUT_EFFECT}
         # TOML has dates and times, JSON does not: their text will do
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
@@ -201,10 +182,7 @@ class Study:
         return replace(self, plan=replace(self.largest_plan, layout=layout), batches=batches)
 
     def find_by_hash(self, sha256: str, n_samples: int | None = None) -> Study | None:
-        """Return the study with as many batches as the one with this hash; None if it is another study.
-
-        n_samples: another study is extended, with at least so many samples.
-        """
+        """Return the study with the batches of that with this hash, or with at least ``n_samples``; None if another."""
         counts = self.precision.batch_counts if self.precision else [self.batches]
         matching = [n for n in counts if replace(self, batches=n).sha256 == sha256]
         if not matching and self.precision and n_samples is not None:
@@ -218,8 +196,7 @@ def read_study(
     """Read and validate a study file; ``InputError`` with one sentence for each mistake in it.
 
     folder: where relative paths and modules of the user's code start; the file's by default.  prepare: loads the user's
-    code, called with the key that names it (``reduce``, ``estimator`` or ``law``) and its source, so that its mistakes
-    are reported with the others; by default reading a study runs none of its code.
+    code, called with its key (``reduce``, ``estimator`` …) and source; by default none of it is run.
     """
     text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES)
     text = text.replace("\r\n", "\n")

@@ -1,7 +1,4 @@
-"""Parse the text of a study file into tables of known shape, and describe what has the wrong shape.
-
-Values are checked where they are used.
-"""
+"""Parse the text of a study file into tables of known shape, and describe what has the wrong shape."""
 
 import re
 import tomllib
@@ -45,10 +42,8 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
 def _find_unusable_values(value: Any, place: str = "", depth: int = 0) -> Iterator[Problem]:
     """Find values that are nested too deeply, or cannot be shown or stored."""
     if isinstance(value, dict | list) and depth >= _MAX_NESTING:
-        sentence = (
-            f"{place} has more than {_MAX_NESTING} tables or lists inside each other: give at most {_MAX_NESTING}"
-        )
-        yield Problem(sentence, place, "size")
+        sentence = f"{place} has more than {_MAX_NESTING} tables or lists inside each other"
+        yield Problem(f"{sentence}: give at most {_MAX_NESTING}", place, "size")
     elif isinstance(value, list):
         for item in value:
             yield from _find_unusable_values(item, place, depth + 1)

@@ -1,9 +1,7 @@
-"""The user's code in a study, ``module:function``: a reduction of traces, an estimator or a control law.
+"""The user's code in a study, ``module:function``: a reduction of traces, an estimator, a control law or a plant.
 
-Its source, next to the study file, is read as text, hashed with the study and sent to other processes; what an
-estimator or law declares is parsed from it.  The study may come from a stranger: only ``load_function`` and
-``load_code`` run any of it, as freely as a module that is imported.  Of the answer of a reduction numbers, labels and
-words are copied, nothing else.
+Its source is read as text, hashed with the study and sent to other processes; what a rule declares is parsed from it.
+The study may come from a stranger: only ``load_function`` and ``load_code`` run any of it.
 """
 
 import ast
@@ -50,10 +48,7 @@ class UserCode:
 
 
 def find_function(what: str, text: str, folder: Path) -> UserCode:
-    """Find ``module:function``, the function in ``module.py`` in ``folder``.
-
-    what: the key of the study file that names it.
-    """
+    """Find ``module:function``, the function in ``module.py`` in ``folder``; what: the key that names it."""
     module, _, function = text.partition(":")
     parts, setting = module.split("."), f"{what} = {text!r}"
     if not all(part.isidentifier() for part in (*parts, function)):
@@ -76,11 +71,7 @@ def find_function(what: str, text: str, folder: Path) -> UserCode:
 
 
 def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, UserCode], dict[str, Rule]]:
-    """Find the rules that ``estimator`` or ``law`` name as ``module:function`` anywhere in a study file.
-
-    Returns the file with the names of the rules in place of these words, and by name their sources and themselves,
-    without their code.
-    """
+    """Find the rules ``module:function`` of a file; return it with plain names, their sources, and the rules."""
     problems: list[str] = []
     source_by_word: dict[tuple[str, str], UserCode] = {}
 
@@ -159,10 +150,7 @@ def _read_fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
 
 @functools.cache
 def load_function(what: str, code: UserCode) -> Any:
-    """Load the function from a module that is run once in each process.
-
-    what: the key of the study file that names it.  ``InputError`` if the source does not run, or has no such function.
-    """
+    """Load the function that the key ``what`` names from a module that is run once in each process."""
     name, source = code.name, code.source
     function_name = name.partition(":")[2]
     module = ModuleType(f"own_code_{hashlib.sha256(source.encode()).hexdigest()}")
@@ -183,11 +171,7 @@ def load_code(
     sources: Mapping[str, UserCode],
     prepare: Callable[[str, UserCode], object] = load_function,
 ) -> None:
-    """Run the code of rules of which only the declarations were read.
-
-    prepare: loads a function, called with the key that names it and its source.  ``InputError`` if a source does not
-    run, or makes another rule than it declares.
-    """
+    """Run the code of rules of which only the declarations were read; ``prepare`` loads a function."""
     for name, rule in rules.items():
         if not rule.is_loaded:
             rule.adopt_code(prepare(rule.kind, sources[name]))
@@ -218,11 +202,10 @@ _TEXT_ATTRIBUTES = ("units", "long_name", "standard_name", "description", "comme
 
 
 def reduce_traces(reduction: UserCode, traces: xr.Dataset) -> xr.Dataset:
-    """Reduce the traces of some scenarios with the user's function.
+    """Reduce the traces of some scenarios with the user's function, which gets them read-only.
 
-    traces: over (scenario, [volume,] elapsed_time), the swept parameters as coordinates along ``scenario``; the
-    function gets them read-only.  Returns its answer: numbers over (scenario, …), with the labels of the further
-    dimensions and those attributes that describe a number in words.
+    traces: over (scenario, [volume,] elapsed_time), the swept parameters as coordinates along ``scenario``.  Returns
+    numbers over (scenario, …), with labels of further dims and attributes in words.
     """
     traces = _make_read_only(traces)
     reduced = _call_reduction(reduction, traces)

@@ -109,10 +109,7 @@ class StudyFolder:
             return None
 
     def read_study(self, manifest: Manifest) -> Study:
-        """Read the study that is run, from the text in the folder.
-
-        ``IntegrityError`` if it, or a file it reads, is not what it was when the run was started.
-        """
+        """Read the study that is run, from the text in the folder; ``IntegrityError`` if it or its files changed."""
         command = f"`fastcoil run STUDY.toml -o {self.path}`"
         cure = f"{command}, with the file the run was started from, restores {STUDY_FILE}"
         if self.read_text() is None:
@@ -129,9 +126,8 @@ class StudyFolder:
             changed = "the series of its [boundary]"
             if study.plan.layout.boundary.sha256 == manifest.boundary_sha256:
                 changed = f"{STUDY_FILE}, a file that it includes, or its own code"
-            raise IntegrityError(
-                f"{self.path}: {changed} changed since the run was started: restore it, or use another folder; {cure}"
-            )
+            sentence = f"{self.path}: {changed} changed since the run was started"
+            raise IntegrityError(f"{sentence}: restore it, or use another folder; {cure}")
         return matching
 
     def read_consistently(self, read: Callable[[], Content]) -> Content:
@@ -163,12 +159,9 @@ class StudyFolder:
 def hold_folder(folder: Path, slice_name: str = "") -> Iterator[None]:
     """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
 
-    slice_name: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system
-    has no locks, a share is not held: run twice at the same time, it is computed twice and counts once.
+    slice_name: hold only this share of the study, such as ``2-of-8``; without a lock where the file system has none.
 
-    ``InputError`` if there is a file of that name, or no folder of results can have that name.  ``LockedError`` if
-    another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``
-    if it cannot be written or its file system has no locks.
+    ``LockedError`` if another process holds it; the operating system frees it when that process ends, however it ends.
     """
     files.require_usable_path(folder, "choose another folder with -o")
     if "\\" in folder.as_posix() or not is_storable_text(str(folder.absolute())):

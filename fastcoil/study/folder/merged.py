@@ -1,7 +1,4 @@
-"""A run of a study: its shards, and how they become one result.
-
-Metrics are joined first, then each trace, in nameless files, so that a study may be larger than the memory.
-"""
+"""A run of a study: its shards, and how they become one result, which may be larger than the memory."""
 
 from __future__ import annotations
 
@@ -31,28 +28,21 @@ from fastcoil.study.folder.stored import RESULTS_FILE, Manifest, Shards, with_tr
 
 _VALUES_AT_ONCE = 2**22  # read of earlier results
 _TRACE_COORDINATES = ("elapsed_time", "time", "volume")
-
-
-def _no_scenarios() -> np.ndarray:
-    return np.empty(0, dtype=np.int64)
+_no_scenarios = partial(np.empty, 0, dtype=np.int64)
 
 
 @dataclass
 class StudyRun:
-    """A study in its folder: what is computed of it and what is missing.
-
-    results: of a finished study, None where something is left to do.  earlier: results in the folder of which scenarios
-    are kept, those at ``earlier_index`` as those at ``study_index`` of the study.  missing: flat indices to compute.
-    """
+    """A study in its folder: what is computed of it and what is missing."""
 
     store: StudyFolder
     study: Study
     manifest: Manifest
-    results: xr.Dataset | None = None
-    earlier: xr.Dataset | None = None
-    earlier_index: np.ndarray = field(default_factory=_no_scenarios)
-    study_index: np.ndarray = field(default_factory=_no_scenarios)
-    missing: np.ndarray = field(default_factory=_no_scenarios)
+    results: xr.Dataset | None = None  # of a finished study
+    earlier: xr.Dataset | None = None  # results in the folder of which scenarios are kept
+    earlier_index: np.ndarray = field(default_factory=_no_scenarios)  # of these, there
+    study_index: np.ndarray = field(default_factory=_no_scenarios)  # and in the study
+    missing: np.ndarray = field(default_factory=_no_scenarios)  # flat indices to compute
     _first_scenario: xr.Dataset | None = None
 
     @property
@@ -81,10 +71,7 @@ class StudyRun:
             warnings.warn(f"{sentence}: {effect}; {cure}", stacklevel=4)
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
-        """Read all parts, without the variables ``leave_out``: the earlier results and the shards.
-
-        Each scenario once: after a merge that was killed before it removed the shards, it is in both.
-        """
+        """Read all parts, each scenario once, without the variables ``leave_out``: earlier results and shards."""
         parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None:
             parts = chain(self._earlier_parts(self.earlier, leave_out), parts)
@@ -126,10 +113,7 @@ def merge_metrics(run: StudyRun) -> xr.Dataset:
 
 
 def publish_results(run: StudyRun, ds: xr.Dataset) -> xr.Dataset:
-    """Write the metrics ``ds`` as the results of a study, its traces in a file of their own, and remove the shards.
-
-    Returns the results as they are opened.
-    """
+    """Write the metrics ``ds`` and the traces as the results of a study, remove the shards; return the results."""
     if run.study.plan.traces.names and not run.study.reduction:
         traces = _merge_traces(run, ds.attrs)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
@@ -187,17 +171,12 @@ def _read_parts(run: StudyRun, leave_out: Collection[str]) -> Iterator[xr.Datase
         n_left -= part.sizes["scenario"]
         yield part.drop_vars(leave_out, errors="ignore")
     if n_left > 0:
-        raise IntegrityError(
-            f"{run.store.path}: {n_left:,} scenarios were lost after they had been run: run the study again"
-        )
+        sentence = f"{run.store.path}: {n_left:,} scenarios were lost after they had been run"
+        raise IntegrityError(f"{sentence}: run the study again")
 
 
 def _merge_traces(run: StudyRun, attrs: dict[str, Any]) -> xr.Dataset:
-    """Write the traces one by one.
-
-    Returns what the results must have of them: coordinates, and attributes with the name of their file and the hash and
-    description of every variable.
-    """
+    """Write the traces one by one; return the coordinates and attributes that the results must have of them."""
     file_name, n_dims = f"traces-{run.manifest.key[:8]}.nc", len(run.study.plan.layout.sizes)
     hashes: dict[str, str] = {}
     layout: dict[str, Any] = {}

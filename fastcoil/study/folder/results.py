@@ -92,11 +92,7 @@ def _open_folder(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Data
 
 
 def find_folder_problems(store: StudyFolder) -> list[str]:
-    """Check every file in a folder: a sentence for each problem.  Nothing is changed.
-
-    ``InputError`` if the folder holds no study.  ``StorageError`` if the results cannot be read.  ``IntegrityError`` if
-    ``run.json`` is lost or damaged, so that it is unknown which study the folder holds.
-    """
+    """Check every file in a folder, a sentence for each problem; raises as ``require_manifest``."""
     manifest = store.require_manifest()
     problems: list[str] = []
     try:

@@ -67,10 +67,7 @@ class Stage(Enum):
 
 @dataclass(frozen=True)
 class FolderState:
-    """What the folder of a study holds; ``read`` raises ``IntegrityError`` where a file is damaged.
-
-    manifest: of the run in the folder.  results: of the last merge.  has_shards: whether parts wait for a merge.
-    """
+    """What the folder of a study holds: manifest, results of the last merge, and whether shards wait for a merge."""
 
     store: StudyFolder
     manifest: Manifest | None
@@ -104,11 +101,7 @@ class FolderState:
         return Stage.NEW if results is None or is_result_of(results, requested) else Stage.UNRECORDED
 
     def start_run(self, study: Study, extend: bool, scenarios: np.ndarray | None = None) -> StudyRun:
-        """Find what is left to do of a study, or of a job slice; refuse one that does not fit what the folder holds.
-
-        Of a study with ``precision``, the run is of as many batches of samples as the folder has, or as its extension
-        needs.
-        """
+        """Find what is left to do of a study or job slice, in the folder's batches; refuse what does not fit it."""
         study, results = self._with_stored_batches(study, extend), self.results
         boundary_sha256 = study.plan.layout.boundary.sha256
         manifest = Manifest(study.sha256, boundary_sha256, model_sha256(), str(study.folder.absolute()))
@@ -152,10 +145,7 @@ class FolderState:
         return stored if stored is not None and stored.batches > study.batches else study
 
     def keep_scenarios(self, study: Study, manifest: Manifest) -> StudyRun:
-        """Return a run that keeps the scenarios of the results; those of other sources of the model do not count.
-
-        ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
-        """
+        """Return a run that keeps the scenarios of the results; those of other sources of the model do not count."""
         run, results = StudyRun(self.store, study, manifest), self.results
         if results is None or results.attrs.get("model_sha256") != manifest.model_sha256:
             return run
@@ -168,10 +158,7 @@ class FolderState:
 
 
 def _find_missing(run: StudyRun, scenarios: np.ndarray | None, environments: Sequence[Mapping[str, str]]) -> None:
-    """Find the scenarios to compute, and where the others were computed; damaged shards are set aside.
-
-    scenarios, environments: of a job slice, and where others were run, whose shards are not read.
-    """
+    """Find the scenarios to compute, and where the others were computed, for a job slice ``environments``."""
     is_done = np.zeros(run.study.plan.n_scenarios, dtype=bool)
     is_done[run.study_index] = True
     computed_on = [] if run.earlier is None else environments_of(run.earlier)
@@ -205,25 +192,19 @@ def _extension_error(sentence: str) -> InputError:
 
 
 def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Match the scenarios of an earlier result with those of a plan, by everything their outcome depends on.
-
-    attrs: those that the results of the plan will have.  Returns flat indices, equally many, of the scenarios that were
-    run: in the earlier result and in the study.
-    """
+    """Match the scenarios run in an earlier result with those of a plan; return both flat indices, equally many."""
     changed = [
         label for name, label in _DECISIVE_ATTRIBUTES.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))
     ]
     if attrs.get("model_sha256") != earlier.attrs.get("model_sha256"):
         changed.append("the sources of the model")
     if changed:
-        raise _extension_error(
-            f"{' and '.join(changed)} changed, so that nothing can be kept: choose another folder with -o"
-        )
+        sentence = f"{' and '.join(changed)} changed, so that nothing can be kept"
+        raise _extension_error(f"{sentence}: choose another folder with -o")
     loop, rules, earlier_rules = plan.layout.loop, _rule_hashes(attrs), _rule_hashes(earlier.attrs)
     if unknown := sorted(earlier_rules.keys() - loop.rules.keys()):
-        raise _extension_error(
-            f"the rule {unknown[0]} is no longer in the study: keep it, or choose another folder with -o"
-        )
+        sentence = f"the rule {unknown[0]} is no longer in the study: keep it"
+        raise _extension_error(f"{sentence}, or choose another folder with -o")
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in earlier_rules])
     blocks = [*_scenario_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), rules)]

@@ -1,9 +1,7 @@
 """The files of a study that carry a hash: ``run.json``, the shards, ``results.nc`` and the file of traces.
 
 Each is whole or absent, and its bytes are compared with their hash before a library parses them.  ``run.json`` has the
-SHA-256 of the final files: of a new one before its name points to it, next to that of the file that it replaces, so
-that a run killed at any moment leaves files with hashes that are recorded.  The name of a shard, ``FIRST-HASH.nc``, has
-its own, so there is no list of shards that could be torn, lost or disagree with them.
+SHA-256 of the final files, while one is replaced also that of the new one; the name of a shard has its own.
 """
 
 from __future__ import annotations
@@ -57,22 +55,17 @@ Environment = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a run computes, by which two runs are compared, and what is known of it so far.
-
-    relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
-    part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
-    file is being replaced, there are two.  finished: whether the results are complete.  user_code: hashes of the
-    user-defined rules, as they were compiled.
-    """
+    """What a run computes, by which two runs are compared, and what is known of it so far."""
 
     study_sha256: str
     boundary_sha256: str
     model_sha256: str
-    relative_to: str
-    computed_on: Sequence[Environment] = field(default=(), compare=False)
+    relative_to: str  # folder from which the study's relative paths start
+    computed_on: Sequence[Environment] = field(default=(), compare=False)  # all that computed a part of it
+    # for each final file the SHA-256 that its bytes may have, the newest first; two while a file is being replaced
     outputs: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)
-    finished: bool = field(default=False, compare=False)
-    user_code: RuleHashes = field(default_factory=dict, compare=False)
+    finished: bool = field(default=False, compare=False)  # whether the results are complete
+    user_code: RuleHashes = field(default_factory=dict, compare=False)  # of the rules, as they were compiled
 
     @property
     def key(self) -> str:
@@ -100,9 +93,8 @@ class Manifest:
             return TypeAdapter(cls).validate_json(json.dumps(content), strict=True)
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             reason = "it has values of the wrong type" if isinstance(error, ValidationError) else error
-            raise IntegrityError(
-                f"{path} is damaged ({reason}): move it away and run the study again, or choose another folder with -o"
-            ) from error
+            cure = f"{_RESULTS_CURE}, or choose another folder with -o"
+            raise IntegrityError(f"{path} is damaged ({reason}): {cure}") from error
 
     @property
     def text(self) -> str:
@@ -246,8 +238,7 @@ class Shards:
 def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     """Open the results in a folder, checked against their hashes; traces stay on the disk until they are read.
 
-    ``InputError`` if there are none, or a later version of fastcoil wrote them.  ``StorageError`` if a file cannot be
-    read, ``IntegrityError`` if its content is not what was written.
+    ``InputError`` if there are none, or of a later version; ``StorageError``; ``IntegrityError`` if a file was changed.
     """
     path = folder / RESULTS_FILE
     if not files.exists(path):
@@ -259,9 +250,8 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
         if not is_later and not is_damaged:
             check_result(ds)
     except (ValueError, TypeError) as error:
-        raise IntegrityError(
-            f"{path} is not a result of a study (its status or metrics are missing, or no numbers); {_RESULTS_CURE}"
-        ) from error
+        reason = "its status or metrics are missing, or no numbers"
+        raise IntegrityError(f"{path} is not a result of a study ({reason}); {_RESULTS_CURE}") from error
     if is_later:
         sentence = f"{path} was written by a later version of fastcoil: open it with that version"
         raise InputError(sentence, str(path), "format")
@@ -279,10 +269,7 @@ def open_final_results(folder: Path, manifest: Manifest | None) -> xr.Dataset:
 
 
 def with_traces(ds: xr.Dataset, path: Path, accepted: Collection[str]) -> xr.Dataset:
-    """Return the results with the traces in ``path``, where they stay until they are read.
-
-    accepted: SHA-256 that the file may have.
-    """
+    """Return the results with the traces in ``path``, whose SHA-256 is ``accepted``, left there until they are read."""
     file = StoredFile(path, accepted, _TRACES_CURE)
     return ds.assign(open_lazily(file, json.loads(ds.attrs["trace_layout"])).data_vars)
 
@@ -293,9 +280,8 @@ def _trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> Stor
         return None
     name = str(ds.attrs["trace_file"])
     if not fnmatchcase(name, TRACE_FILE_PATTERN) or Path(name).name != name:
-        raise IntegrityError(
-            f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none; {_RESULTS_CURE}"
-        )
+        sentence = f"{folder / RESULTS_FILE} names traces in {short_repr(name)}, which holds none"
+        raise IntegrityError(f"{sentence}; {_RESULTS_CURE}")
     return _final_file(folder / name, manifest)
 
 

@@ -42,8 +42,6 @@ class DeferredExecutor(Executor):
 class FakeDocument(Document):
     """A document that keeps what it is to do next."""
 
-    session_context = SimpleNamespace(request=SimpleNamespace(arguments={}))
-
     def add_next_tick_callback(self, callback):
         self.__dict__.setdefault("soon", []).append(callback)
 

@@ -52,8 +52,8 @@ def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swings_and
     heading = axes.get_title(loc="left").replace("\n", " ")
     swing, period = float(scenario.hunting_swing), float(scenario.hunting_period)
     predicted = predicted.isel(backlash=1)
-    assert f"simulated {swing:.2g} K every {period:.0f} s" in heading
-    assert f"predicted {2 * float(predicted.amplitude):.2g} K every {float(predicted.period):.0f} s" in heading
+    assert f"simulated ± {swing / 2:.2g} K every {period:.0f} s" in heading
+    assert f"predicted ± {float(predicted.amplitude):.2g} K every {float(predicted.period):.0f} s" in heading
     assert f"hunting index {float(predicted.hunting_index):.2g}" in heading
 
 

@@ -61,12 +61,40 @@ def test_the_recommended_cell_of_a_map_is_marked_and_its_ticks_are_the_swept_val
     axes = plots.draw_panels(ds, "estimate_ratio", "backlash", metrics=["rmse"]).axes[0]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "50", "100", "150"]
     assert [text.get_text() for text in axes.get_yticklabels()] == ["2", "5", "8"]
-    assert not axes.lines, "the backlash is no choice: no cell is recommended"
+    frame = axes.patches[-1]  # the backlash is no choice: the column of the recommended estimate
+    column = [0.0, 0.5, 1.0, 1.5].index(fc.answer(ds).recommend["estimate_ratio"])
+    assert (*frame.get_xy(), frame.get_width(), frame.get_height()) == (column, 0, 1, 3)
     gains = make_result(
         ("kp", "ti"), {"kp": [0.01, 0.02, 0.03], "ti": [10.0, 20.0, 40.0]}, rmse=[[3, 2, 3], [3, 1, 3], [3, 3, 3]]
     )
-    ring = plots.draw_panels(gains, "ti", "kp", metrics=["rmse"]).axes[0].lines[0]
-    assert (ring.get_xdata()[0], ring.get_ydata()[0]) == (1.5, 1.5)
+    frame = plots.draw_panels(gains, "ti", "kp", metrics=["rmse"]).axes[0].patches[-1]
+    assert (*frame.get_xy(), frame.get_width(), frame.get_height()) == (1, 1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        ([30.0, 60.0, 120.0, 240.0], "log"),
+        ([0.0, 0.001, 0.003, 0.01], "symlog"),
+        ([0.0, 0.5, 0.95, 1.2], "linear"),
+        ([0.02, 0.05, 0.08, 0.11], "linear"),
+        ([-1.0, 1.0, 10.0, 100.0], "linear"),
+    ],
+)
+def test_an_axis_is_logarithmic_where_the_swept_values_are_spaced_so(values, scale):
+    ds = make_result(("ti",), {"ti": values}, rmse=np.arange(4.0))
+    axes = plots.draw_panels(ds, "ti", metrics=["rmse"]).axes[0]
+    assert axes.get_xscale() == scale
+    assert [text.get_text() for text in axes.get_xticklabels()] == [f"{v:.3g}" for v in values]
+
+
+def test_of_whether_loops_hunt_the_share_is_drawn():
+    ds = make_result(
+        ("kp", "day"), {"kp": [0.01, 0.02]}, hunts=[[0, 0, 0, 0, 1], [1, 1, 1, 0, 0]], rmse=np.ones((2, 5))
+    )
+    axes = plots.draw_panels(ds, "kp", metrics=["hunts"]).axes[0]
+    np.testing.assert_allclose(axes.lines[-1].get_ydata(), [20.0, 60.0])
+    assert not axes.collections, "a share has no band"
 
 
 @pytest.mark.parametrize("millimetres", full_except([84, 174, None], [84]))
@@ -124,7 +152,10 @@ def test_the_standard_figures_never_pool_a_plain_pi_with_others(study):
     tuning = plots.standard_figures(study)["tuning"]()
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in tuning.axes]
     shares = ("0 %, plain PI", "50 %", "100 %", "150 %")
-    assert titles[::3] == [f"estimate / backlash = {share}" for share in shares]
+    assert [title.removesuffix(", recommended") for title in titles[::3]] == [
+        f"estimate / backlash = {share}" for share in shares
+    ]
+    assert sum("recommended" in title for title in titles[::3]) == 1
     dots = tuning.axes[0].lines[-1].get_xdata()
     found = fc.answer(study)
     worst = found.table.rmse.sel(found.place).idxmax("backlash").item()
@@ -142,7 +173,7 @@ def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
     medians = ds.rmse.median("day")
     assert meshes[0].get_clim() == meshes[1].get_clim() == (float(medians.min()), float(medians.max()))
     bands = figures["bands"]()
-    assert [axes.get_title(loc="left") for axes in bands.axes] == ["pi", "inverse"]
+    assert [axes.get_title(loc="left") for axes in bands.axes] == ["pi, recommended", "inverse"]
     np.testing.assert_allclose(
         bands.axes[1].lines[-1].get_ydata(), ds.rmse[1].sel(kp=fc.answer(ds).place["kp"]).median("day")
     )
@@ -156,7 +187,7 @@ def test_a_study_of_many_learning_settings_has_a_curve_for_three_and_says_so(n):
     times = np.where(np.arange(4) < 2, 3600.0, np.nan) * np.ones((n, n, 1))
     ones = np.ones((n, n, 4))
     estimates = {"time_identified": times, "estimate_settled": 0.07 * ones, "backlash_final": 0.07 * ones}
-    metrics = {name: ones for name in plots.STANDARD_METRICS}
+    metrics = {name: ones for name in (*plots.STANDARD_METRICS, "switch_frequency")}
     figure = plots.standard_figures(make_result(tuple(sizes), coords, **estimates, **metrics))["learning"]()
     assert_texts_fit(figure)
     assert [text.get_text() for text in figure.legends[0].get_texts()][-1] == f"learning interval = {10 * n} min"

@@ -1,57 +1,56 @@
-"""Operation of an air handler, and everything that acts on its coil on a day: a stand-in for a building.
+"""A year of days of weather with the operation of an air handler: schedule, economiser, resets, zones.
 
 Each zone has a load, as a share of what it gets at full air flow and the lowest set-point.  It takes the air that keeps
 its temperature, between a least and its full flow; at full flow it becomes warmer instead.  Zones store no heat: load,
 flow and temperature of a minute belong together.
 
-ASHRAE Guideline 36-2021: section 5.1.14 (trim and respond), section 5.16.2.2 with its table (supply air temperature of
-an air handler with several zones), section 5.6.8.1 (requests of zones).
+Sources of the defaults.  ASHRAE Guideline 36-2021, section 5.16.2.2 with its table: set-point from 13 to 18 degC (55 to
+65 degF) over outdoor temperatures of 16 and 21 degC (60 and 70 degF); sections 5.1.14 and 5.6.8.1: trim and respond
+from 10 min after the start, every 2 min, by 0.1, 0.2 and at most 0.6 K, 2 requests ignored; requests of zones.
+ANSI/ASHRAE/IES 90.1: table 6.5.1.1.3, the fixed limit of an economiser (24 degC where it is dry); appendix G, sections
+G3.1.3.4 and G3.1.3.9, outdoor temperatures between which water is reset (hot 20 and 50 degF, chilled 60 and 80 degF).
+Return air and water are those of ``fc.design_day``; flows suit the presets.  The rest are usual values or guesses,
+described in docs/years.md.
 
 The noise of a day continues that of the day before, and each day can be made alone: its filters start in the white
-noise of the day before.  Thresholds of the operation are usual values or guesses, described in docs/years.md.
+noise of the day before.
 """
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import date, timedelta
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fastcoil.base.arguments import argument_checks, raise_problems, require_choice, require_integer
+import fastcoil as fc
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, Problem
 from fastcoil.loops.boundary.days import Drift, filter_white_noise
-from fastcoil.loops.boundary.series import CONDITIONS, require_condition
-from fastcoil.loops.boundary.weather_files import Weather
+from fastcoil.loops.boundary.weather_files import read_weather
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 Settings: TypeAlias = SimpleNamespace
 """Settings of the air handler; names and units as the arguments of `weather_year`."""
 DAY_SECONDS = 86_400
-_READ_WITH_RESET = ("set_point", "outdoor_reset", "trim_and_respond")
-_MODE_DEFAULTS: dict[str, tuple[Any, Any, Any]] = {
-    "economiser": ("differential", "none", None), "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
-    "T_return": (24.0, 21.0, None), "RH_return": (0.5, 0.3, None), "T_balance": (12.0, 15.0, None),
-    "internal_load": (0.5, 0.0, None), "set_point": ("outdoor_reset", "outdoor_reset", None),
-    "T_set": (13.0, 25.0, ("set_point", "fixed")), "T_set_min": (13.0, 18.0, _READ_WITH_RESET),
-    "T_set_max": (18.0, 30.0, _READ_WITH_RESET), "T_out_min": (16.0, -10.0, _READ_WITH_RESET),
-    "T_out_max": (21.0, 15.0, _READ_WITH_RESET), "T_w_in": (7.0, 60.0, ("water", "fixed")),
-    "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")), "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
-    "T_out_w_min": (16.0, -7.0, ("water", "outdoor")), "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "cooling": {
+        "economiser": "differential", "economiser_limit": 24.0, "T_return": 24.0, "RH_return": 0.5, "T_balance": 12.0,
+        "internal_load": 0.5, "set_point": "outdoor_reset", "T_set": 13.0, "T_set_min": 13.0, "T_set_max": 18.0,
+        "T_out_min": 16.0, "T_out_max": 21.0, "T_w_in": 7.0, "T_w_min": 7.0, "T_w_max": 12.0, "T_out_w_min": 16.0,
+        "T_out_w_max": 27.0,
+    },
+    "heating": {
+        "economiser": "none", "economiser_limit": 24.0, "T_return": 21.0, "RH_return": 0.3, "T_balance": 15.0,
+        "internal_load": 0.0, "set_point": "outdoor_reset", "T_set": 25.0, "T_set_min": 18.0, "T_set_max": 30.0,
+        "T_out_min": -10.0, "T_out_max": 15.0, "T_w_in": 60.0, "T_w_min": 40.0, "T_w_max": 60.0, "T_out_w_min": -7.0,
+        "T_out_w_max": 10.0,
+    },
 }  # fmt: skip
-"""Defaults in cooling and heating, with sources in `weather`; the argument and its words that decide if it is read."""
-DEFAULTS = {mode: {n: row[k] for n, row in _MODE_DEFAULTS.items()} for k, mode in enumerate(("cooling", "heating"))}
-"""Defaults of `weather_year`, by mode."""
-CHOICES = {
-    "economiser": ("differential", "fixed", "none"), "set_point": ("fixed", "outdoor_reset", "trim_and_respond"),
-    "water": ("fixed", "load", "outdoor"),
-}  # fmt: skip
-_WHOLE_NUMBER_BOUNDS = {"zones": (1, 1000), "seed": (0, 2**32 - 1)}
-_ORDERED_PAIRS = (
-    ("m_a_min", "m_a_design"), ("outdoor_air_min", "m_a_design"), ("T_set_min", "T_set_max"),
-    ("T_out_min", "T_out_max"), ("T_w_min", "T_w_max"), ("T_out_w_min", "T_out_w_max"),
-)  # fmt: skip
-MIN_COOLING_K = 2.0  # by which supply air is cooler than the zones: with less they would take endless air
+"""Defaults of `weather_year` by mode."""
 PLANT_STEP_S = 10  # between the samples of the noise of the plant, straight between them
 ZONE_STEP_S = 60  # the same of loads and flows
 _PLANT_DRIFTS = {
@@ -85,78 +84,90 @@ class Outdoors(NamedTuple):
         return np.interp(hours_of_day, hours, self.T[rows]), np.interp(hours_of_day, hours, self.W[rows])
 
 
-def make_outdoors(weather: Weather, pressure: float | None, file: str) -> Outdoors:
-    """Return the weather of a file; ``pressure`` [Pa] replaces that of the file."""
-    series, p = weather.series, weather.pressure(pressure)
-    outdoors = Outdoors(series["hour_of_year"], series["T_drybulb"], weather.humidity(p), float(np.mean(p)))
-    if not outdoors.days:
-        raise InputError(f"{file} has no whole day from midnight to midnight: give at least 24 h", file, "data")
-    return outdoors
+def weather_year(
+    path: str | Path, *, year: int, mode: str = "cooling", days: Sequence[int] | None = None,
+    fan_hours: tuple[float, float] = (6.0, 20.0), weekend_fan_hours: tuple[float, float] | None = None,
+    m_a_design: float = 1.3, m_a_min: float = 0.5, outdoor_air_min: float = 0.25, T_design: float | None = None,
+    zones: int = 20, zone_spread: float = 0.3, water: str = "fixed", disturbances: float = 1.0, seed: int = 1,
+    **settings: Any,
+) -> fc.Boundary:  # fmt: skip
+    """Return days of a weather year, of 24 h each, with the operation of an air handler: a stream, made day by day.
 
+    A day runs from midnight to midnight in the standard time of the site, its label is the day of the year.  Outside
+    its hours the fan is off (``m_a`` = 0) and so is the loop (``enabled`` = 0).  The loop is also off where the mixture
+    does not need the coil: from less than 0.2 K beyond the set-point until more than 0.5 K.
 
-def check_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the arguments of `weather_year` and complete them with the defaults of the mode."""
-    with argument_checks() as check:
-        mode = check(require_choice, "mode", arguments["mode"], DEFAULTS)
-        settings: dict[str, Any]
-        settings = {n: check.unless_none(require_choice, n, arguments[n], words) for n, words in CHOICES.items()}
-        for name in [name for name in arguments if name in CONDITIONS and name != "pressure"]:
-            is_left_out = arguments[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
-            settings[name] = None if is_left_out else check(require_condition, name, arguments[name])
-        for name, bounds in _WHOLE_NUMBER_BOUNDS.items():
-            settings[name] = check(require_integer, name, arguments[name], *bounds)
-    given_names = {name for name, value in settings.items() if value is not None}
-    settings |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
-    settings["mode"] = mode
-    raise_problems(list(_setting_clashes(settings, given_names)))
-    return settings
-
-
-def make_settings(
-    chosen: Mapping[str, Any], outdoors: Outdoors, fan: Mapping[int, tuple[float, float] | None], file: str
-) -> Settings:
-    """Return the settings at a site; ``fan``: first and last hour of the fan by day label, None where it is off.
-
-    They add ``W_return``, the humidity ratio of the return air, and ``high_limit``, the outdoor temperature that locks
-    the economiser out [degC].
+    Parameters
+    ----------
+    path
+        An EPW, TMY3 or CSV file, as for ``fc.weather_day``; before its first row its values hold.
+    year
+        Year of the dates and of the days of the week.
+    mode
+        ``cooling`` or ``heating``: of the coil.
+    days
+        Days of the year, from 1; by default all.  A day below the one before it is one of the next year.
+    fan_hours, weekend_fan_hours
+        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (off by default).
+    m_a_design, m_a_min, outdoor_air_min
+        Air flow at full load, least air flow, and least flow of outdoor air while the fan runs [kg/s].
+    T_design
+        Outdoor temperature at which the building's shell has its full load [degC]; by default the one that 0.4 % of the
+        hours of the file exceed, in heating fall below.
+    zones, zone_spread
+        Number of zones, and spread of their loads, as a share of their mean.
+    water
+        Entering water: ``fixed`` (``T_w_in``), ``load`` (from ``T_w_max`` without load to ``T_w_min`` at full load; in
+        heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
+        ``T_w_min`` from ``T_out_w_max`` on) [degC].
+    disturbances, seed
+        Noise faster than hours as a multiple of that of ``fc.paper_day`` (0: none), and its seed.
+    **settings
+        Others than `DEFAULTS`.  economiser: ``differential`` (more outdoor air where it is cooler than the return air),
+        ``fixed`` (where it is cooler than ``economiser_limit`` [degC]) or ``none``.  set_point: ``fixed`` (``T_set``),
+        ``outdoor_reset`` (``T_set_max`` up to the outdoor temperature ``T_out_min``, ``T_set_min`` from ``T_out_max``
+        on, straight between) or ``trim_and_respond`` (the same, its ``T_set_max`` lowered by requests of the zones;
+        cooling only) [degC].  T_return, RH_return: return air [degC, 1].  T_balance: outdoor temperature at which the
+        shell has no load [degC].  internal_load: load by people and devices as a share of the design load; in heating
+        it is subtracted.
     """
-    values = dict(chosen)
-    is_cooling = chosen["mode"] == "cooling"
-    if values["T_design"] is None:
-        values["T_design"] = float(np.quantile(outdoors.T, 0.996 if is_cooling else 0.004))
-    low, high = ("T_balance", "T_design") if is_cooling else ("T_design", "T_balance")
-    if values[high] - values[low] < 1.0:
-        sentence = f"T_balance = {values['T_balance']:g} degC, T_design = {values['T_design']:.4g} degC in {file}"
-        raise InputError(f"{sentence}: give a {low} at least 1 K below {high}", low, "conflict")
-    if values["set_point"] == "fixed":
-        values["T_set_min"] = values["T_set"]
-    limits = {"differential": values["T_return"], "fixed": values["economiser_limit"], "none": -np.inf}
-    W_return = float(humidity_ratio(values["T_return"], chosen["RH_return"], outdoors.pressure))
-    return Settings(**values, cools=is_cooling, fan=fan, high_limit=limits[values["economiser"]], W_return=W_return)
+    if unknown := sorted(settings.keys() - DEFAULTS[mode].keys()):
+        raise TypeError(f"weather_year takes no {', '.join(unknown)}")
+    weather = read_weather(Path(path), None, None, None)
+    p = weather.pressure(None)
+    outdoors = Outdoors(
+        weather.series["hour_of_year"], weather.series["T_drybulb"], weather.humidity(p), float(np.mean(p))
+    )
+    labels = list(outdoors.days) if days is None else list(days)
+    dates = dates_of_labels(labels, year)
+    s = Settings(
+        **DEFAULTS[mode] | settings, cools=mode == "cooling", m_a_design=m_a_design, m_a_min=m_a_min,
+        outdoor_air_min=outdoor_air_min, zones=zones, zone_spread=zone_spread, water=water, disturbances=disturbances,
+        seed=seed, T_design=T_design,
+    )  # fmt: skip
+    if T_design is None:
+        s.T_design = float(np.quantile(outdoors.T, 0.996 if s.cools else 0.004))
+    if s.set_point == "fixed":
+        s.T_set_min = s.T_set
+    s.high_limit = {"differential": s.T_return, "fixed": s.economiser_limit, "none": -np.inf}[s.economiser]
+    s.W_return = float(humidity_ratio(s.T_return, s.RH_return, outdoors.pressure))
+    s.fan = {
+        label: weekend_fan_hours if day.weekday() >= 5 else fan_hours for label, day in zip(labels, dates, strict=True)
+    }
+    start = [day.isoformat() for day in dates]
+    make = partial(make_day_series, s, outdoors)
+    return fc.Boundary.from_days(make, day=labels, hours=24, start=start, time_zone=weather.time_zone)
 
 
-def _setting_clashes(chosen: Mapping[str, Any], given_names: set[str]) -> Iterator[Problem]:
-    for name, (*_, reader) in _MODE_DEFAULTS.items():
-        if reader and name in given_names and chosen[reader[0]] not in reader[1:]:
-            text = f"{name} = {chosen[name]:g} has no effect with {reader[0]} = {chosen[reader[0]]!r}"
-            cure = f"leave it out, or choose {' or '.join(map(repr, reader[1:]))}"
-            yield Problem(f"{text}: {cure}", name, "conflict")
-    for low, high in _ORDERED_PAIRS:
-        if not chosen[low] < chosen[high]:
-            text = f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"
-            yield Problem(text, low, "conflict")
-    if chosen["mode"] == "heating":
-        if chosen["economiser"] != "none":
-            text = f"economiser = {chosen['economiser']!r}: only cooling has one, choose 'none'"
-            yield Problem(text, "economiser", "conflict")
-        if chosen["set_point"] == "trim_and_respond":
-            text = "set_point = 'trim_and_respond': only cooling has it, choose 'outdoor_reset' or 'fixed'"
-            yield Problem(text, "set_point", "conflict")
-        return
-    top = "T_set" if chosen["set_point"] == "fixed" else "T_set_max"
-    if chosen[top] > chosen["T_return"] - MIN_COOLING_K:
-        text = f"{top} = {chosen[top]:g} degC: the zones need air at least {MIN_COOLING_K:g} K cooler than T_return = "
-        yield Problem(f"{text}{chosen['T_return']:g} degC, lower it", top, "conflict")
+def dates_of_labels(labels: Sequence[int], first_year: int) -> list[date]:
+    """Return the dates of days of the year; a day below the one before it is one of the next year."""
+    year, previous_label, dates = first_year, 0, []
+    for label in labels:
+        year += label < previous_label
+        # in the next year it is the same date, whatever the number of the day
+        dates.append((date(first_year, 1, 1) + timedelta(days=label - 1)).replace(year=year))
+        previous_label = label
+    return dates
 
 
 def make_day_series(s: Settings, outdoors: Outdoors, label: int) -> dict[str, Array]:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from reference.trim_and_respond import set_points
 
-from fastcoil.loops.boundary import air_handler
-from fastcoil.loops.boundary.air_handler import outdoor_share, zone_loads
 from fastcoil.model.moist_air import enthalpy, mix
+from studies.year import operation
+from studies.year.operation import outdoor_share, zone_loads
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
@@ -16,8 +16,8 @@ def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(spread):
     mean = 0.6 + 0.6 * np.sin(np.arange(n) / 40) + rng.normal(0, 0.02, n)
     loads = zone_loads(np.maximum(mean, 0.0), spread, rng.normal(0, 0.05, (n, 20)))
     T_out = 18.5 + 4 * np.sin(np.arange(n) / 30)
-    share = air_handler.reset_line(T_out, 16.0, 21.0, 0.0, 1.0)
-    tops = air_handler.trim_and_respond(low, high, share, air_handler.request_limits(loads, T_zone, low))
+    share = operation.reset_line(T_out, 16.0, 21.0, 0.0, 1.0)
+    tops = operation.trim_and_respond(low, high, share, operation.request_limits(loads, T_zone, low))
     options = {"T_zone": T_zone, "low": low, "high": high, "T_out_min": 16.0, "T_out_max": 21.0, "trim": 0.1}
     options |= {"respond": 0.2, "most": 0.6, "ignored": 2, "delay": 600, "step": 120}
     expected = set_points(loads.tolist(), T_out.tolist(), **options)
@@ -29,7 +29,7 @@ def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(spread):
 def test_zones_of_equal_load_take_what_the_load_needs():
     """Flow times temperature difference is the load, between the least and the full flow."""
     loads, T_set = np.array([[0.2] * 4, [0.5] * 4, [0.5] * 4, [0.9] * 4]), np.array([13.0, 13.0, 18.0, 18.0])
-    share = air_handler.flow_share(loads, T_set, 24.0, 13.0, 0.3)
+    share = operation.flow_share(loads, T_set, 24.0, 13.0, 0.3)
     np.testing.assert_allclose(share, [0.3, 0.5, 0.5 * 11 / 6, 1.0])
 
 
@@ -71,7 +71,7 @@ def test_when_the_economiser_opens(T_out, limit, expected):
 
 
 def test_dampers_take_their_time():
-    share = air_handler.delay_by_dampers(np.repeat([0.2, 1.0], [50, 200]))
+    share = operation.delay_by_dampers(np.repeat([0.2, 1.0], [50, 200]))
     np.testing.assert_allclose(share[:50], 0.2, rtol=1e-12)
     np.testing.assert_allclose(share[49:141], np.clip(0.2 + 0.8 * np.arange(92) / 90, 0.2, 1.0), rtol=1e-12)
 
@@ -79,20 +79,20 @@ def test_dampers_take_their_time():
 def test_the_coil_goes_on_and_off_with_a_gap_between():
     beyond = np.array([0.4, 0.6, 0.4, 0.3, 0.21, 0.1, 0.3, 0.49, 0.51, -3.0, 0.4])
     on = [False, True, True, True, True, False, False, False, True, False, False]
-    assert air_handler.is_coil_needed(beyond).tolist() == on
+    assert operation.is_coil_needed(beyond).tolist() == on
 
 
 def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_day():
-    days = [air_handler.plant_drifts(3, day) for day in range(1, 4)]
+    days = [operation.plant_drifts(3, day) for day in range(1, 4)]
     for name, std in (("m_a", 0.013), ("T_a_in", 0.1), ("W_a_in", 0.009), ("T_w_in", 0.05)):
         whole = np.concatenate([day[name] for day in days])
         assert whole.std() == pytest.approx(std, rel=0.12)
         steps = np.abs(np.diff(whole))
         assert steps[86399::86400].max() <= steps.max() < 0.08 * std
-    other = air_handler.plant_drifts(4, 1)["m_a"]
+    other = operation.plant_drifts(4, 1)["m_a"]
     assert abs(np.corrcoef(other, days[0]["m_a"])[0, 1]) < 0.2
     assert abs(np.corrcoef(days[1]["m_a"], days[0]["m_a"])[0, 1]) < 0.2
-    assert air_handler._white_noise(60, 3, 1, 0, 1)[0, 0] != air_handler._white_noise(60, 3, 1, 1, 1)[0, 0]
-    zones = air_handler.zone_drifts(3, 1, 6)
+    assert operation._white_noise(60, 3, 1, 0, 1)[0, 0] != operation._white_noise(60, 3, 1, 1, 1)[0, 0]
+    zones = operation.zone_drifts(3, 1, 6)
     assert zones.shape == (1440, 6)
     assert np.abs(np.corrcoef(zones.T) - np.eye(6)).max() < 0.5
