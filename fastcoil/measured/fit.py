@@ -144,7 +144,7 @@ class Fit(Result):
         lines = [f"{self.source}: {sample_count}; {self.seconds:.1f} s"]
         for name, value in self.parameters.items():
             if name not in self.intervals and name not in self.held:
-                lines.append(f"{name} = {value}, as given")
+                lines.append(f"{name} = {value}" + ", as given" * (name != "curve"))
                 continue
             unit = "" if PARAMETERS[name].unit == "1" else f" {PARAMETERS[name].unit}"
             if name in self.intervals:

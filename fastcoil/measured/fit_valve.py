@@ -1,4 +1,4 @@
-"""``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3).
+"""``fit_valve``: backlash and flow curve, Eqs (1) and (2), from recorded commands and flows (section 2.1.3).
 
 A known time shift between the command and the flow is taken out first: the fit would mistake it for backlash.
 """
@@ -21,7 +21,7 @@ from fastcoil.logs.own_values import find_own_values
 from fastcoil.measured import valve_problem
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, build_fit, natural_intervals
 from fastcoil.measured.part import LEAST_ABOVE_0, LogSource, fitting_mask, require_split, split_segments
-from fastcoil.measured.valve_problem import X_BL, ValveProblem, ValveSolution, judge_interval
+from fastcoil.measured.valve_problem import SHAPE, X_BL, ValveProblem, ValveSolution, judge_interval
 from fastcoil.model.engine.recorded import VALVE_ROWS
 
 _ROUND_OFF_S = 1e-6  # that is no difference of times
@@ -47,7 +47,7 @@ def fit_valve(
         ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and ``batch``, the number of
         the experiment.  `read_log` has the options of reading.
     m_max : float, optional
-        Asymptotic flow of Eq (2), kg/s; estimated by default.
+        Asymptotic flow of Eq (2), or flow of a straight line fully open, kg/s; estimated by default.
     split : float, default 0.7
         Share of the log that is fitted (of its batches, if it has at least four).  The rest validates the fit,
         on which it has no influence.  To hold back another log, join both with different numbers in ``batch``.
@@ -61,8 +61,9 @@ def fit_valve(
     Returns
     -------
     Fit
-        ``backlash``, ``m_max``, ``valve_a``, ``valve_b`` and ``valve_c`` with intervals and residuals.  ``backlash`` is
-        not among its ``parameters`` if the data do not identify it; ``held`` then says why.
+        ``backlash``, ``m_max`` and the ``curve``: ``richards``, Eq (2), with ``valve_a``, ``valve_b`` and ``valve_c``,
+        or ``linear``, which is taken where the Bayesian information criterion prefers it by 10 or more; ``notes`` has
+        the evidence.  ``backlash`` is not among its ``parameters`` if the data do not identify it; ``held`` says why.
 
     Raises
     ------
@@ -94,8 +95,8 @@ def fit_valve(
     _require_movement(data, m_max)
     if lag:
         data = _shift_command(data, lag, fitting_mask(data, share))
-    problem = ValveProblem(data, fitting_mask(data, share))
-    return _assemble_fit(problem, problem.solve(m_max), holds is not None, start_time)
+    problem = ValveProblem(data, fitting_mask(data, share), m_max)
+    return _assemble_fit(problem, problem.solve(), holds is not None, start_time)
 
 
 def _require_rows_per_piece(data: CheckedLog) -> CheckedLog:
@@ -149,9 +150,11 @@ def has_live_zero(command: Array, flow: Array) -> bool:
 def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, start_time: float) -> Fit:
     """Assemble the fit of a valve from its solution; ``holds``: whether the command holds between the rows."""
     best, spread, notes = solution.estimate, solution.uncertainty, problem.notes
-    is_fitted, is_logarithmic = problem.good & problem.fitting, valve_problem.IS_LOGARITHMIC
+    names = VALVE_ROWS[: SHAPE[0] if problem.curve == "linear" else None]
+    p, is_fitted = len(names), problem.good & problem.fitting
+    is_logarithmic = valve_problem.IS_LOGARITHMIC[:p]
     command, flow = problem.command[is_fitted], problem.flow[is_fitted]
-    natural = np.where(is_logarithmic, np.exp(best.x[:5]), best.x[:5])
+    natural = np.where(is_logarithmic, np.exp(best.x[:p]), best.x[:p])
     is_inverted = bool(np.corrcoef(command, flow)[0, 1] < -0.5)
     verdict = judge_interval(problem, solution, holds or is_inverted or problem.data.change_of_value)
     signal_notes = []
@@ -165,21 +168,21 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
             "units={'command': 'V 2-10'}, --unit command='V 2-10', or log (command - 0.2) / 0.8"
         ]
 
-    variances = np.diag(spread.covariance)[:5]
+    variances = np.diag(spread.covariance)[:p]
     held = {"backlash": verdict.why} if verdict.why else {}
-    if solution.is_m_max_given:
+    if problem.m_max is not None:
         held["m_max"] = "given"
-    for name, variance in list(zip(VALVE_ROWS, variances, strict=True))[1:]:
+    for name, variance in list(zip(names, variances, strict=True))[1:]:
         if not math.isfinite(variance):
             held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
     half_widths = spread.quantile() * np.sqrt(variances)
-    intervals = natural_intervals(best.x[:5], half_widths, is_logarithmic)
+    intervals = natural_intervals(best.x[:p], half_widths, is_logarithmic)
     intervals[X_BL] = verdict.interval
     # the deviation of the backlash belongs to its interval
     scale = np.where(is_logarithmic, natural, 1.0)
     scale[X_BL] = max(1.0, 0.5 * (verdict.interval[1] - verdict.interval[0]) / max(half_widths[X_BL], 1e-12))
 
-    parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
+    parameters = dict(zip(names, natural.tolist(), strict=True)) | {"curve": problem.curve}
     if verdict.why:
         x = round(parameters.pop("backlash"), 4)
         notes.append(f"the curve belongs to a backlash of {x:g}, which is not identified: sweep it in a study")
@@ -203,25 +206,14 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     errors = {"": with_backlash - compared_flow, "_without_backlash": without_backlash - compared_flow}
     n_compared = solution.model.used.sum()
     rmse, limit = np.sqrt(solution.sums / n_compared), math.sqrt(solution.limit / n_compared)
-    notes += _compare_with_line(openings[is_fitted, 0], flow, with_backlash[is_fitted])
     attrs = {"limit": limit, "backlash": float(natural[X_BL]), "interval_95": list(verdict.interval)}
     backlashes = {"backlash": ("backlash", solution.grid, {"units": "1"})}
     return build_fit(
-        problem.data, start_time, problem.good, problem.fitting, errors, series, VALVE_ROWS,
-        spread.covariance[:5, :5] * np.outer(scale, scale), held, intervals, kind="valve", parameters=parameters,
+        problem.data, start_time, problem.good, problem.fitting, errors, series, names,
+        spread.covariance[:p, :p] * np.outer(scale, scale), held, intervals, kind="valve", parameters=parameters,
         profile=xr.Dataset({"rmse": ("backlash", rmse, {"units": "kg s-1"})}, backlashes, attrs),
         notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
-
-
-def _compare_with_line(opening: Array, flow: Array, model_flow: Array) -> list[str]:
-    """Return a note where a straight line from the closed valve on, of one parameter, fits better than Eq (2)."""
-    m_max = float(opening @ flow / max(float(opening @ opening), 1e-300))
-    line, curve = (float(np.sqrt(np.mean((flow - fitted) ** 2))) for fitted in (m_max * opening, model_flow))
-    if line >= curve:
-        return []
-    cure = f'give the loop curve = "linear" and m_max = {m_max:.4g} in place of the four parameters of Eq (2)'
-    return [f"a straight line fits better than Eq (2), RMSE {line:.2g} against {curve:.2g} kg/s: {cure}"]
 
 
 def _delay_command(log: CheckedLog, lag: float) -> tuple[Array, Mask]:

@@ -22,11 +22,13 @@ from fastcoil.model.engine.recorded import valve_flows
 
 X_BL = 0  # index of the backlash in a parameter set
 M_MAX = 1  # index of m_max in it
+SHAPE = (2, 3, 4)  # of a, b, c, which a straight line does without
 IS_LOGARITHMIC = np.array([False, True, True, True, False])  # of backlash, m_max, a, b, c: searched by its logarithm
 LARGEST_BACKLASH = 0.5  # fraction of stroke, as all below
 LEAST_REVERSAL = 0.01  # of the command, that counts
 _HOLD_TOLERANCE = 2e-3  # between the commands of one hold
 FEWEST_SAMPLES = 20  # flows to fit
+_LEAST_EVIDENCE = 10.0  # difference of BIC from which a line replaces Eq (2): very strong, Kass and Raftery (1995)
 
 
 def _is_flow_settled(log: CheckedLog, fitting: Mask, notes: list[str]) -> Mask:
@@ -92,14 +94,17 @@ class ValveSolution(NamedTuple):
     parts: Array  # backlash of each part of the log; if they differ by more, ``interval`` is wider
     interval: tuple[float, float]  # of 95 %
     without_backlash: Estimate
-    is_m_max_given: bool
 
 
 class ValveProblem:
-    """The least-squares problem of a valve: its log, the samples that are compared, and the model."""
+    """The least-squares problem of a valve: its log, the samples that are compared, and the model.
 
-    def __init__(self, data: CheckedLog, fitting: Mask) -> None:
+    curve: ``richards``, Eq (2), or ``linear``, m_max times the opening, whose sets have shapes without effect.
+    """
+
+    def __init__(self, data: CheckedLog, fitting: Mask, m_max: float | None = None) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
+        self.m_max, self.curve = m_max, "richards"
         self.command, self.flow = data.values["command"], data.values["m_w"]
         self.fitting = fitting  # whether each sample is fitted
         self.floor = _find_meter_floor(self.flow[self.fitting], self.notes)
@@ -128,9 +133,16 @@ class ValveProblem:
         openings, flows = np.empty((2, n, sets.shape[1]))
         rows = np.where(IS_LOGARITHMIC[:, None], np.exp(sets), sets)
         valve_flows(np.ascontiguousarray(command), self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
+        if self.curve == "linear":
+            flows = np.exp(sets[M_MAX]) * openings
         return openings, np.maximum(flows, self.floor)
 
-    def model(self, m_max: float | None) -> Model:
+    @property
+    def fixed(self) -> list[int]:
+        """Parameters that are not fitted."""
+        return [M_MAX] * (self.m_max is not None) + [*SHAPE] * (self.curve == "linear")
+
+    def model(self) -> Model:
         """Return the least-squares model of the fitted samples."""
         n, n_pieces = self.n_fit, self.n_pieces
         is_used = self.good[:n] & self.fitting[:n]
@@ -141,27 +153,49 @@ class ValveProblem:
         log_top = math.log(self.top)
         lower = np.array([0.0, log_top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_pieces])
         upper = np.array([LARGEST_BACKLASH, log_top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_pieces])
-        if m_max is not None:
-            lower[M_MAX] = min(lower[M_MAX], math.log(m_max) - 1.0)
-            upper[M_MAX] = max(upper[M_MAX], math.log(m_max) + 1.0)
+        if self.m_max is not None:
+            lower[M_MAX] = min(lower[M_MAX], math.log(self.m_max) - 1.0)
+            upper[M_MAX] = max(upper[M_MAX], math.log(self.m_max) + 1.0)
         step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_pieces])
         return Model(residuals, lower, upper, step, self.batch[:n], is_used, n_pieces)
 
-    def _starts(self, m_max: float | None) -> Array:
+    def _starts(self) -> Array:
         """Return parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
         shapes = product(
             (0.0, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25),
-            [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)],
-            (math.log(0.5), math.log(2.0)),
-            (math.log(5.0), math.log(8.0), math.log(14.0)),
-            (0.2, 0.4, 0.6, 0.85),
-        )
+            [math.log(self.m_max)] if self.m_max else [math.log(self.top * f) for f in (1.03, 1.5)],
+            *(((0.0,),) * 3 if self.curve == "linear" else (
+                (math.log(0.5), math.log(2.0)), (math.log(5.0), math.log(8.0), math.log(14.0)), (0.2, 0.4, 0.6, 0.85),
+            )),
+        )  # fmt: skip
         return np.array([[*shape, *[0.5] * self.n_pieces] for shape in shapes]).T
 
-    def solve(self, m_max: float | None) -> ValveSolution:
-        """Fit, profile over the backlash, and fit again from a better minimum if the profile finds one."""
-        model, fixed = self.model(m_max), [] if m_max is None else [M_MAX]
-        best = minimise(model, self._starts(m_max), fixed)
+    def _choose_curve(self) -> Estimate:
+        """Fit both curves, and keep Eq (2) unless the Bayesian information criterion clearly prefers a straight line.
+
+        It counts as many samples as the correlated residuals of the straight line are worth.
+        """
+        estimates = {}
+        for curve in ("richards", "linear"):
+            self.curve = curve
+            estimates[curve] = minimise(self.model(), self._starts(), self.fixed)
+        n = uncertainty(self.model(), estimates["linear"], self.fixed).n_effective
+        rss = {curve: max(estimate.rss, 1e-300) for curve, estimate in estimates.items()}
+        evidence = n * math.log(rss["richards"] / rss["linear"]) + len(SHAPE) * math.log(n)
+        self.curve = "linear" if evidence > _LEAST_EVIDENCE else "richards"
+        line = "a straight line, m_max times the opening"
+        verdict = f"{line}: its BIC is {evidence:.3g} below that of Eq (2)"
+        if self.curve == "richards":
+            verdict = f"Eq (2): the BIC of {line}, is "
+            verdict += f"only {evidence:.2g} lower" if evidence > 0.0 else f"{-evidence:.3g} higher"
+        errors = (math.sqrt(value / int((self.good & self.fitting).sum())) for value in rss.values())
+        self.notes.append(f"curve: {verdict} (RMSE {{:.2g}} kg/s of Eq (2), {{:.2g}} of the line)".format(*errors))
+        return estimates[self.curve]
+
+    def solve(self) -> ValveSolution:
+        """Choose the curve, profile over the backlash, and fit again from a better minimum if the profile finds one."""
+        best = self._choose_curve()
+        model, fixed = self.model(), self.fixed
         for n_restarts in range(3):
             spread = uncertainty(model, best, fixed, profiled=[X_BL])
             spread = least_squares.widen_by_blocks(model, best, spread)
@@ -176,7 +210,7 @@ class ValveProblem:
         quantile, deviation = spread.quantile(parts.size - 1), float(parts.std(ddof=1))
         half_width = thresholds.PART_SPREAD_FACTOR * quantile * deviation / math.sqrt(parts.size)
         interval = _profile_interval(grid, sums, best, limit, half_width)
-        return ValveSolution(model, best, spread, grid, sums, limit, parts, interval, minima[0], m_max is not None)
+        return ValveSolution(model, best, spread, grid, sums, limit, parts, interval, minima[0])
 
 
 def _profile_grid(best: Estimate, spread: Uncertainty) -> Array:
@@ -213,9 +247,8 @@ def _fit_parts(model: Model, best: Estimate, fixed: list[int]) -> Array:
     count = np.cumsum(model.used) - 1
     n_parts = int(np.clip(count[-1] // 30, 4, 6))
     part_number = np.maximum(count, 0) * n_parts // (count[-1] + 1)
-    shape_parameters = (2, 3, 4)  # a, b, c
     parts = (replace(model, used=model.used & (part_number == k)) for k in range(n_parts))
-    estimates = [minimise(part, best.x[:, None], [*fixed, *shape_parameters], max_steps=25) for part in parts]
+    estimates = [minimise(part, best.x[:, None], [*fixed, *SHAPE], max_steps=25) for part in parts]
     return np.array([estimate.x[X_BL] for estimate in estimates])
 
 

@@ -31,7 +31,7 @@ def solve_problem(log):
     """The problem of a log without a shift, and its solution."""
     data = read_checked_log(log, ColumnSpec(required=("command", "m_w"), measured=("m_w",)))
     problem = ValveProblem(data, fitting_mask(data, 1.0))
-    return problem, problem.solve(None)
+    return problem, problem.solve()
 
 
 @pytest.fixture(scope="module")

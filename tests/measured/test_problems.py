@@ -65,7 +65,7 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     data = read_checked_log(log, ColumnSpec(required=("command", "m_w")))
     problem = ValveProblem(data, fitting_mask(data, 1.0))
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
-    assert_jacobian_is_of_single_runs(problem.model(None), x)
+    assert_jacobian_is_of_single_runs(problem.model(), x)
 
 
 def test_autocorrelation_of_an_ar_process_gives_its_effective_size():

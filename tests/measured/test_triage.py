@@ -52,7 +52,7 @@ FAULTS = {
     "stuck shut": ({"command": 1.0, "T_sup": 19.2, "T_a_in": 19.5}, "not responding"),
     "shut": ({"command": 0.0, "T_sup": 8.0}, "shut"),
     "leak": ({"command": 0.0, "T_sup": 8.0, "T_a_in": 16.0}, "not responding"),
-    "leak, air changes": ({"command": 0.0, "T_sup": lambda h: 8 + 2 * np.sin(h), "T_a_in": lambda h: 16 + 2 * np.sin(h)},
+    "leak, air changes": ({"command": 0.0, "T_sup": sine_wave(2, 360, 8), "T_a_in": sine_wave(2, 360, 16)},
                           "not responding"),
     "tight, fan heat": ({"command": 0.0, "T_sup": 8.0, "T_a_in": 7.0}, "shut"),
     "stuck half open": ({"command": lambda h: 0.3 + 0.3 * (h % 2.0), "T_sup": 16.5, "T_a_in": 25.0}, "not responding"),
