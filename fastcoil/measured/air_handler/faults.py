@@ -45,8 +45,7 @@ def find_faults(unit: AirHandlerSeries) -> list[Finding]:
     findings = [_describe_still(unit, name, mask) for name, mask in still.items() if mask.any()]
     unit = unit.without({name: mask for name, mask in still.items() if mask.any()})
     works = {coil: works_while_shut(unit, coil) for coil in unit.coils}
-    doubtful = ~unit.is_entering_plausible
-    passing = {coil: unit.on_days_of(mask & ~doubtful, _LEAST_HOURS) for coil, mask in works.items()}
+    passing = {coil: unit.on_days_of(mask & unit.is_entering_plausible, _LEAST_HOURS) for coil, mask in works.items()}
     findings += _find_mixed_air_off(unit, works)
     for coil in unit.coils:
         findings += _describe_passing(unit, coil, passing[coil])
@@ -170,8 +169,7 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
         yield make_finding(unit, f"{water} water", "not_met", dry_days, np.nan_to_num(miss), text, action)
     if still_days.any():
         miss, change = float(np.nanmedian(shortfall[still_days])), float(np.median(effect[still_days]))
-        word = "colder" if sign < 0.0 else "warmer"
-        seen = f"the air leaves {abs(change):.2g} K {word if change >= 0.0 else _opposite(word)} than it enters"
+        seen = f"the air leaves {abs(change):.2g} K {'warmer' if sign * change >= 0.0 else 'colder'} than it enters"
         text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(still_days))}"
         action = (
             f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"
@@ -180,9 +178,8 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
     weak_days = unit.on_days_of(is_weak & ~np.isin(unit.day, np.unique(unit.day[still_days])), _LEAST_HOURS)
     if weak_days.any():
         miss, change = float(np.median(shortfall[weak_days])), float(np.median(effect[weak_days]))
-        seen = (
-            f"the coil changes the air by {change:.2g} K" if np.isfinite(change) else "the entering air is not logged"
-        )
+        is_known = np.isfinite(change)
+        seen = f"the coil changes the air by {change:.2g} K" if is_known else "the entering air is not logged"
         text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(weak_days))}"
         action = "check the temperature and flow of the water, the stroke of the valve, then the size of the coil"
         yield make_finding(unit, f"{coil} coil", "not_met", weak_days, miss, text, action)
@@ -193,10 +190,6 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
         text += hours.format(hours=unit.hours(left_days))
         action = "look for a controller in manual, an interlock, or a very long integral time"
         yield make_finding(unit, "controller", "not_met", left_days, miss, text, action)
-
-
-def _opposite(word: str) -> str:
-    return "warmer" if word == "colder" else "colder"
 
 
 def _still_mask(unit: AirHandlerSeries, name: str) -> Mask:

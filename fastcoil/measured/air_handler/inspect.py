@@ -79,12 +79,8 @@ def inspect(
     series = AirHandlerSeries(name, grid, data.start)
     faults = find_faults(series)
     findings = sorted(faults + find_hunting(series, faults), key=lambda finding: finding.severity)
-    notes = [
-        *points.notes,
-        *(note for data, _ in read_logs for note in data.notes),
-        *(n for _, g in resampled for n in g),
-    ]
-    notes = list(dict.fromkeys(notes))
+    log_notes = [note for data, _ in read_logs for note in data.notes]
+    notes = list(dict.fromkeys([*points.notes, *log_notes, *(note for _, its in resampled for note in its)]))
     if not series.is_entering_measured and np.isnan(series.T_entering[0]).all():
         notes.append("without T_mixed, or T_return and T_out, nothing is said about valves that leak: log one of them")
     elif not series.is_entering_measured:
