@@ -72,15 +72,15 @@ def hourly_summary(grid: Grid, start: np.datetime64 | None = None) -> xr.Dataset
         (table["error"].abs() > MET_ERROR_K) | (table["error_rms"] > 1.5 * MET_ERROR_K),
         (command.count() >= FEWEST_SAMPLES) & (spread < 0.005),
     ]  # fmt: skip
-    texts = {"state": (np.select(applies, STATES[:-1], STATES[-1]), "what the hour was like")}
+    state = np.select(applies, STATES[:-1], STATES[-1]).astype(object)
     limits = table.apply(_list_limits, axis=1, interval=grid.interval, has_error=bool(table["error"].notna().any()))
-    texts["log_limits"] = np.where(is_off, "", limits), "what the log of the hour cannot show"
     table.loc[is_off, [name for name in HOURLY_VARIABLES if name != "enabled"]] = np.nan
     ds = xr.Dataset(coords={"hour": ("hour", table.index, {"units": "h", "long_name": "hours since the first sample"})})
     for name, (unit_name, meaning) in HOURLY_VARIABLES.items():
         ds[name] = ("hour", table[name], {"units": unit_name, "long_name": meaning})
-    for name, (words, meaning) in texts.items():
-        ds[name] = ("hour", words.astype(object), {"long_name": meaning})
+    ds["state"] = ("hour", state, {"long_name": "what the hour was like"})
+    limits = np.where(is_off, "", limits).astype(object)
+    ds["log_limits"] = ("hour", limits, {"long_name": "what the log of the hour cannot show"})
     n_days = len(grid.day_slices())
     swing_times = describe_times(unit.spans(own_swings), unit.start, n_days) if own_swings.any() else ""
     return ds.assign_attrs(interval=grid.interval, cools=cools, swing_times=swing_times)
