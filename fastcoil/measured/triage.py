@@ -53,7 +53,7 @@ def hourly_summary(grid: Grid, start: np.datetime64 | None = None) -> xr.Dataset
     cools = _coil_sign(grid)
     coil = "heating" if cools < 0.0 else "cooling"
     values = {**grid.values, f"{coil}_command": grid.values["command"]}
-    unit = AirHandlerSeries("", grid._replace(values=values), start if len(grid.starts) == 1 else None)
+    unit = AirHandlerSeries("", grid._replace(values=values), start)
     samples, own_swings = _judge_samples(unit, coil, is_sign_known=cools != 0.0)
     hours = samples.groupby(level=0)
     table, command, error = hours.mean(), hours["command"], hours["error"]
@@ -154,10 +154,11 @@ def _number_hours(grid: Grid) -> Index:
 
 def _find_starts(unit: AirHandlerSeries, error: Array) -> Mask:
     """Find where the plant starts, (n,): after half an hour off, until T_sup meets T_set, an hour at most."""
-    is_starting, is_on, time = np.zeros(unit.on.size, dtype=bool), unit.grid.on, unit.grid.time
+    is_starting, time = np.zeros(unit.on.size, dtype=bool), unit.grid.time
     for first, last in true_runs(unit.on):
-        on_before = np.flatnonzero(is_on[:first])
-        if time[first] - time[on_before[-1] if on_before.size else 0] >= 1800.0:
+        begin = max(row for row in unit.grid.starts if row <= first)  # of this log
+        last_on = max(np.flatnonzero(unit.grid.on[begin:first]) + begin, default=begin)
+        if time[first] - time[last_on] >= 1800.0:
             end = min(last, first + round(3600.0 / unit.interval))
             met_at = np.flatnonzero(np.abs(error[first:end]) <= MET_ERROR_K)
             is_starting[first : first + int(met_at[0]) if met_at.size else end] = True
