@@ -19,7 +19,7 @@ from fastcoil.measured.agreement import plausible_lags, require_agreement
 from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, forward_fill, join_grids, keep_own_values, resample_log
+from fastcoil.measured.grid import Grid, common_start, forward_fill, join_grids, keep_own_values, resample_log
 from fastcoil.measured.identify import DayEvidence, Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, measure_loop
 from fastcoil.measured.part import LogSource, true_runs
@@ -93,17 +93,17 @@ def diagnose(
         test = check.unless_none(require_instance, "test", test, ValveReading, "give what fastcoil.read_test found")
     if not logs:
         raise InputError("log = []: give a log, or a list of logs of one valve", "log", "missing")
-    names, grids, notes, warnings, start = [], [], [], [], None
+    names, grids, starts, notes, warnings = [], [], [], [], []
     for source in logs:
         data = source.read(DIAGNOSIS_COLUMNS, use_sensor=True)
         warnings += require_agreement(data)
         _infer_off_times(data)
         grid, grid_notes = resample_log(data)
         names.append(data.name)
-        start = data.start
         grids.append(grid)
+        starts.append(data.start)
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
-    grid, own_notes = keep_own_values(join_grids(grids))
+    grid, own_notes = keep_own_values(join_grids(grids, starts))
     notes += own_notes
     values, interval = grid.values, grid.interval
     motor_seconds = identify.USUAL_STROKE_TIME if stroke_time is None else stroke_time
@@ -139,7 +139,7 @@ def diagnose(
     if sample_time is not None and sample_time < interval:
         rhythms = f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s"
         notes.append(f"{rhythms}: reversals of the command between two samples are missed")
-    triage, signals = hourly_summary(grid, start), _signals_dataset(grid, measures)
+    triage, signals = hourly_summary(grid, common_start(starts)), _signals_dataset(grid, measures)
     if stroke_time is not None:
         signals.attrs["stroke_time"] = stroke_time
     return Diagnosis(

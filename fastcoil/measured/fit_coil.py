@@ -287,7 +287,8 @@ def build_record(log: CheckedLog, loop: Loop, holds: tuple[str, ...], fitting: M
         seconds, inputs = np.arange(int(time[-1] + 0.5) + 1.0), {name: values[name][piece] for name in COIL_COLUMNS}
         series = resample_at_seconds(time, inputs, seconds, holds, slack=1e-6)
         pieces.append(RecordPiece(np.stack(list(series.values()), axis=1), np.floor(time + 0.5).astype(np.int64)))
-    m_w, m_a = (_typical_flow(fitted_values[name]) for name in ("m_w", "m_a"))
+    flows = ((flow := fitted_values[name])[flow > 0.01 * flow.max()] for name in ("m_w", "m_a"))
+    m_w, m_a = (float(np.exp(np.mean(np.log(flow)))) for flow in flows)  # geometric means
     limits, limits_of_all = (_stability_limits(series, loop) for series in (fitted_values, values))
     return CoilRecord(tuple(pieces), loop, m_w, m_a, limits, limits_of_all)
 
@@ -296,11 +297,6 @@ def _stability_limits(values: Mapping[str, Array], loop: Loop) -> StabilityLimit
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), loop["T_initial"])
     slope = wet_slope(values["W_a_in"].max(), coldest, loop["pressure"])
     return StabilityLimits(float(values["m_w"].max()), (float(values["m_a"].min()), float(values["m_a"].max())), slope)
-
-
-def _typical_flow(flow: Array) -> float:
-    """Geometric mean of a flow where it flows, kg/s."""
-    return float(np.exp(np.mean(np.log(flow[flow > 0.01 * flow.max()]))))
 
 
 _PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}

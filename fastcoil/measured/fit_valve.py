@@ -216,24 +216,17 @@ def _assemble_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, s
     )  # fmt: skip
 
 
-def _delay_command(log: CheckedLog, lag: float) -> tuple[Array, Mask]:
-    """Return the command ``lag`` seconds before each sample, (n,), and whether that is outside of its piece."""
-    logged_command = log.values["command"]
-    command, is_outside = logged_command.copy(), np.zeros(logged_command.size, dtype=bool)
-    for piece in split_segments(log.batch):
+def _shift_command(log: CheckedLog, lag: float, fitting: Mask) -> CheckedLog:
+    """Return a log with the command ``lag`` s before each sample, and a note on it.
+
+    No flow counts whose command lies in another piece of the log, or on the other side of what is fitted.
+    """
+    command, flow = (log.values[name].copy() for name in ("command", "m_w"))
+    for piece in split_segments(2 * log.batch + fitting):
         time = log.time[piece]
         command_time = time - lag + _ROUND_OFF_S
         rows = np.searchsorted(time, command_time, side="right") - 1
-        command[piece] = logged_command[piece[np.maximum(rows, 0)]]
-        is_outside[piece] = (rows < 0) | (command_time > time[-1] + 2.0 * _ROUND_OFF_S)
-    return command, is_outside
-
-
-def _shift_command(log: CheckedLog, lag: float, fitting: Mask) -> CheckedLog:
-    """Return a log with the command ``lag`` s before each sample, and a note on it."""
-    command, is_outside = _delay_command(log, lag)
-    # commands of the part held back have no influence on the fit
-    command[fitting], is_outside[fitting] = _delay_command(log.where(fitting), lag)
-    values = log.values | {"command": command, "m_w": np.where(is_outside, np.nan, log.values["m_w"])}
+        command[piece] = log.values["command"][piece[np.maximum(rows, 0)]]
+        flow[piece[(rows < 0) | (command_time > time[-1] + 2.0 * _ROUND_OFF_S)]] = np.nan
     note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-    return replace(log, values=values, notes=[*log.notes, note])
+    return replace(log, values=log.values | {"command": command, "m_w": flow}, notes=[*log.notes, note])

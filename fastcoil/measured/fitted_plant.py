@@ -282,8 +282,6 @@ _Dynamics = tuple[float, float, int]  # slow and fast lag, s; delay, steps
 
 
 class _SearchPoint(NamedTuple):
-    """A point of the search."""
-
     slow: float  # lags, s
     fast: float
     delay: int  # steps

@@ -3,6 +3,7 @@
 Values are missing where the log is silent, and held where it has changes only.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -122,8 +123,16 @@ def _own_rows(own: OwnValues, first: int, end: int) -> Index:
     return np.array([row for row in kept if row < end])
 
 
-def join_grids(grids: Sequence[Grid]) -> Grid:
-    """Join the resampled logs of several days, with a silence between them; of one, return it."""
+def common_start(starts: Sequence[np.datetime64 | None]) -> np.datetime64 | None:
+    """Return the time at which the first of several logs starts, if all of them have a clock."""
+    return None if any(start is None for start in starts) else starts[0]
+
+
+def join_grids(grids: Sequence[Grid], starts: Sequence[np.datetime64 | None] = (None,)) -> Grid:
+    """Join the resampled logs of several days, with a silence between them; of one, return it.
+
+    starts: time of the first sample of each.  Times are since the first of them; without a clock each log begins a day.
+    """
     if len(grids) == 1:
         return grids[0]
     if len({round(grid.interval, 3) for grid in grids}) > 1:
@@ -138,9 +147,15 @@ def join_grids(grids: Sequence[Grid]) -> Grid:
 
     names = [name for name in grids[0].values if all(name in grid.values for grid in grids)]
     values = {name: join_parts([grid.values[name] for grid in grids], np.nan) for name in names}
-    is_on, starts = join_parts([grid.on for grid in grids], False), tuple(np.cumsum([0, *sizes[:-1]]).tolist())
-    time = interval * np.arange(float(sum(sizes) - silence))
-    return Grid(interval, time, values, is_on, max(grid.increment for grid in grids), starts)
+    is_on, firsts = join_parts([grid.on for grid in grids], False), tuple(np.cumsum([0, *sizes[:-1]]).tolist())
+    times, offset = [], 0.0
+    for k, grid in enumerate(grids):
+        if (start := common_start(starts)) is not None:
+            offset = float((starts[k] - start) / np.timedelta64(1, "s"))
+        times.append(offset + np.append(grid.time, grid.time[-1] + interval * np.arange(1.0, silence + 1.0)))
+        offset = SECONDS_PER_DAY * math.ceil(times[-1][-1] / SECONDS_PER_DAY)
+    time = np.concatenate(times)[:-silence]
+    return Grid(interval, time, values, is_on, max(grid.increment for grid in grids), firsts)
 
 
 def _find_rhythm(log: CheckedLog, forward: Array, is_same_piece: Mask) -> tuple[float, bool]:

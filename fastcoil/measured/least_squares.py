@@ -270,14 +270,9 @@ def widen_by_blocks(model: Model, best: Estimate, spread: Uncertainty) -> Uncert
 
 def number_blocks(segment: Index, used: Mask, n_effective: float) -> Index:
     """Return the number of the block of each sample, (n,): the segments, cut if they are too few."""
-    pieces = np.unique(segment[used])
-    if pieces.size >= _FEWEST_BLOCKS:
-        return np.asarray(np.clip(np.searchsorted(pieces, segment), 0, pieces.size - 1))
     n_wanted = int(np.clip(n_effective / 5.0, _FEWEST_BLOCKS, 30))
-    block, n_blocks = np.zeros(segment.size, dtype=np.int64), 0
-    for piece in pieces:
-        samples = np.flatnonzero((segment == piece) & used)
-        n_cuts = max(round(n_wanted * samples.size / used.sum()), 1)
-        block[samples] = n_blocks + np.arange(samples.size) * n_cuts // samples.size
-        n_blocks += n_cuts
-    return np.unique(block, return_inverse=True)[1]
+    share = np.maximum(np.cumsum(used) - 1, 0) * n_wanted // max(int(used.sum()), 1)
+    is_cut = np.unique(segment[used]).size < _FEWEST_BLOCKS
+    block = np.zeros(segment.size, dtype=np.int64)
+    block[used] = np.unique((segment * n_wanted + is_cut * share)[used], return_inverse=True)[1]
+    return block

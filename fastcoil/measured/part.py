@@ -50,10 +50,9 @@ def leave_out_repeats(log: CheckedLog, names: Sequence[str]) -> CheckedLog:
     return log
 
 
-def split_segments(*numbers: NDArray[Any]) -> list[Index]:
-    """Return the indices of the samples of each segment, within which no series of ``numbers``, (n,) each, changes."""
-    is_changed = np.any([np.diff(number.astype(float)) != 0.0 for number in numbers], axis=0)
-    return np.split(np.arange(numbers[0].size), np.flatnonzero(is_changed) + 1)
+def split_segments(numbers: NDArray[Any]) -> list[Index]:
+    """Return the indices of the samples of each segment, within which the ``numbers``, (n,), do not change."""
+    return np.split(np.arange(numbers.size), np.flatnonzero(np.diff(numbers)) + 1)
 
 
 def true_runs(mask: Mask) -> Index:

@@ -53,7 +53,7 @@ def hourly_summary(grid: Grid, start: np.datetime64 | None = None) -> xr.Dataset
     cools = _coil_sign(grid)
     coil = "heating" if cools < 0.0 else "cooling"
     values = {**grid.values, f"{coil}_command": grid.values["command"]}
-    unit = AirHandlerSeries("", grid._replace(values=values), start if len(grid.starts) == 1 else None)
+    unit = AirHandlerSeries("", grid._replace(values=values), start)
     samples, own_swings = _judge_samples(unit, coil, is_sign_known=cools != 0.0)
     hours = samples.groupby(level=0)
     table, command, error = hours.mean(), hours["command"], hours["error"]
@@ -72,15 +72,15 @@ def hourly_summary(grid: Grid, start: np.datetime64 | None = None) -> xr.Dataset
         (table["error"].abs() > MET_ERROR_K) | (table["error_rms"] > 1.5 * MET_ERROR_K),
         (command.count() >= FEWEST_SAMPLES) & (spread < 0.005),
     ]  # fmt: skip
-    texts = {"state": (np.select(applies, STATES[:-1], STATES[-1]), "what the hour was like")}
+    state = np.select(applies, STATES[:-1], STATES[-1]).astype(object)
     limits = table.apply(_list_limits, axis=1, interval=grid.interval, has_error=bool(table["error"].notna().any()))
-    texts["log_limits"] = np.where(is_off, "", limits), "what the log of the hour cannot show"
     table.loc[is_off, [name for name in HOURLY_VARIABLES if name != "enabled"]] = np.nan
     ds = xr.Dataset(coords={"hour": ("hour", table.index, {"units": "h", "long_name": "hours since the first sample"})})
     for name, (unit_name, meaning) in HOURLY_VARIABLES.items():
         ds[name] = ("hour", table[name], {"units": unit_name, "long_name": meaning})
-    for name, (words, meaning) in texts.items():
-        ds[name] = ("hour", words.astype(object), {"long_name": meaning})
+    ds["state"] = ("hour", state, {"long_name": "what the hour was like"})
+    limits = np.where(is_off, "", limits).astype(object)
+    ds["log_limits"] = ("hour", limits, {"long_name": "what the log of the hour cannot show"})
     n_days = len(grid.day_slices())
     swing_times = describe_times(unit.spans(own_swings), unit.start, n_days) if own_swings.any() else ""
     return ds.assign_attrs(interval=grid.interval, cools=cools, swing_times=swing_times)
@@ -154,10 +154,11 @@ def _number_hours(grid: Grid) -> Index:
 
 def _find_starts(unit: AirHandlerSeries, error: Array) -> Mask:
     """Find where the plant starts, (n,): after half an hour off, until T_sup meets T_set, an hour at most."""
-    is_starting, is_on, time = np.zeros(unit.on.size, dtype=bool), unit.grid.on, unit.grid.time
+    is_starting, time = np.zeros(unit.on.size, dtype=bool), unit.grid.time
     for first, last in true_runs(unit.on):
-        on_before = np.flatnonzero(is_on[:first])
-        if time[first] - time[on_before[-1] if on_before.size else 0] >= 1800.0:
+        begin = max(row for row in unit.grid.starts if row <= first)  # of this log
+        last_on = max(np.flatnonzero(unit.grid.on[begin:first]) + begin, default=begin)
+        if time[first] - time[last_on] >= 1800.0:
             end = min(last, first + round(3600.0 / unit.interval))
             met_at = np.flatnonzero(np.abs(error[first:end]) <= MET_ERROR_K)
             is_starting[first : first + int(met_at[0]) if met_at.size else end] = True

@@ -194,6 +194,9 @@ def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():
     assert [day.stop - day.start for day in grid.day_slices()] == [780, 720]
     assert not grid.on[720:780].any()
     np.testing.assert_array_equal(grid.values["T_sup"][780:], days[1].values["T_sup"])
+    assert grid.time[[0, 719, 780, -1]].tolist() == [0.0, 7190.0, 86400.0, 93590.0]
+    starts = [np.datetime64("2026-03-02T08:00"), np.datetime64("2026-03-05T09:00")]
+    assert join_grids(days, starts).time[[719, 780]].tolist() == [7190.0, 73 * 3600.0]
     assert_refused("log", "time", join_grids, [days[0], resample_log(make_log(np.arange(0, 7200, 30)))[0]])
 
 

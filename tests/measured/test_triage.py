@@ -155,6 +155,7 @@ def test_the_table_has_units_and_the_hours_of_every_log():
     assert table.hour.values.tolist() == list(range(10))
     assert hour_states(diagnosis) == ["holding"] * 6 + ["swinging"] * 4
     assert set(hour_states(diagnosis)) <= set(STATES)
+    assert diagnosis.headline.endswith("on 1 of 2 days (day 2).")
     for name in HOURLY_VARIABLES:
         assert table[name].dims == ("hour",)
         assert table[name].attrs.keys() == {"units", "long_name"}

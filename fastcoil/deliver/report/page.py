@@ -259,19 +259,16 @@ PAPER: Mapping[str, str] = {
 
 def citation(results: Mapping[str, Any] | None = None) -> list[str]:
     """Return citations as plain text, a line each; with attributes of results, also their version and hash."""
+    version = VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
     lines = [
-        f"{AUTHORS}. {TITLE}. Version {_version_of_results(results)}, {LICENCE} licence.",
+        f"{AUTHORS}. {TITLE}. Version {version}, {LICENCE} licence.",
         f"{PAPER['authors']} ({PAPER['year']}). {PAPER['title']}. {PAPER['series']}, paper {PAPER['number']}, "
         f"{PAPER['publisher']}. {PAPER['url']}",
     ]
     if results is not None:
-        made_with = f"Made with fastcoil {_version_of_results(results)}; content_sha256 {results['content_sha256']}."
+        made_with = f"Made with fastcoil {version}; content_sha256 {results['content_sha256']}."
         lines.append(f"Results: {results['title']}. {made_with}")
     return lines
-
-
-def _version_of_results(results: Mapping[str, Any] | None) -> str:
-    return VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
 
 
 def citation_section(ds: xr.Dataset | None = None) -> Section:

@@ -57,9 +57,7 @@ def comparison_tables(ds: xr.Dataset) -> list[page.Table]:
     for dim in swept_dims(ds, "rmse"):
         labels, others = ds[dim].values, {d: label for d, label in place.items() if d != dim}
         part, at = ds.sel(others, drop=True), describe_place(ds, others)
-        zero, best = int((labels == 0.0).argmax()), None
-        if dim in place:
-            best = int((labels == place[dim]).argmax())
+        zero, best = int((labels == 0.0).argmax()), int((labels == place[dim]).argmax()) if dim in place else None
         if dim in ("estimate_ratio", "backlash_estimate") and labels[zero] == 0.0:
             tables.append(_comparison_table(part, dim, at, zero, f"the {pi} of the same loop", best))
         elif dim == "backlash" and labels[zero] == 0.0:

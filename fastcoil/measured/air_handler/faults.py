@@ -45,8 +45,7 @@ def find_faults(unit: AirHandlerSeries) -> list[Finding]:
     findings = [_describe_still(unit, name, mask) for name, mask in still.items() if mask.any()]
     unit = unit.without({name: mask for name, mask in still.items() if mask.any()})
     works = {coil: works_while_shut(unit, coil) for coil in unit.coils}
-    doubtful = ~unit.is_entering_plausible
-    passing = {coil: unit.on_days_of(mask & ~doubtful, _LEAST_HOURS) for coil, mask in works.items()}
+    passing = {coil: unit.on_days_of(mask & unit.is_entering_plausible, _LEAST_HOURS) for coil, mask in works.items()}
     findings += _find_mixed_air_off(unit, works)
     for coil in unit.coils:
         findings += _describe_passing(unit, coil, passing[coil])
@@ -150,53 +149,37 @@ def _find_unmet(unit: AirHandlerSeries, coil: str, excused: Mask) -> Iterator[Fi
     is_weak = is_unmet & ~is_still & np.isfinite(shortfall)
     with np.errstate(invalid="ignore"):
         is_left = called & (command < WIDE_OPEN) & (np.abs(shortfall) > _OFF_K) & ~excused
-    side = "below" if sign > 0.0 else "above"
-
-    def describe_state(miss: float) -> str:
-        return "wide open" + (f", and T_sup stays {miss:.2g} K {side} the set-point" if np.isfinite(miss) else "")
-
-    hours = f"for {{hours:.1f}} of the {unit.hours(called):.1f} h in which it was called, {{{{when}}}}"
     still_days = unit.on_days_of(is_still, _LEAST_HOURS)
     # a valve that works on the same day lacked water
     works = unit.on_days_of(called & (effect > _LATER_EFFECT_K), 0.5)
     dry_days = still_days & np.isin(unit.day, np.unique(unit.day[works]))
     still_days &= ~dry_days
-    water = "chilled" if sign < 0.0 else "hot"
-    if dry_days.any():
-        text = f"the {coil} valve is wide open without effect, and works at other times of the same day; "
-        text += hours.format(hours=unit.hours(dry_days))
-        action = f"look when {water} water is available, and start it earlier"
-        miss = float(np.nanmedian(shortfall[dry_days]))
-        yield make_finding(unit, f"{water} water", "not_met", dry_days, np.nan_to_num(miss), text, action)
-    if still_days.any():
-        miss, change = float(np.nanmedian(shortfall[still_days])), float(np.median(effect[still_days]))
-        word = "colder" if sign < 0.0 else "warmer"
-        seen = f"the air leaves {abs(change):.2g} K {word if change >= 0.0 else _opposite(word)} than it enters"
-        text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(still_days))}"
-        action = (
-            f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"
-        )
-        yield make_finding(unit, f"{coil} valve", "stuck_shut", still_days, np.nan_to_num(miss), text, action)
     weak_days = unit.on_days_of(is_weak & ~np.isin(unit.day, np.unique(unit.day[still_days])), _LEAST_HOURS)
-    if weak_days.any():
-        miss, change = float(np.median(shortfall[weak_days])), float(np.median(effect[weak_days]))
-        seen = (
-            f"the coil changes the air by {change:.2g} K" if np.isfinite(change) else "the entering air is not logged"
-        )
-        text = f"{describe_state(miss)}: {seen}; {hours.format(hours=unit.hours(weak_days))}"
-        action = "check the temperature and flow of the water, the stroke of the valve, then the size of the coil"
-        yield make_finding(unit, f"{coil} coil", "not_met", weak_days, miss, text, action)
     left_days = unit.on_days_of(is_left, _OFF_HOURS)
-    if left_days.any() and float(np.ptp(command[left_days])) < 0.3:
-        miss, level = float(np.median(np.abs(shortfall[left_days]))), 100 * float(np.median(command[left_days]))
-        text = f"the {coil} command stays near {level:.0f} % while T_sup is {miss:.2g} K off the set-point; "
-        text += hours.format(hours=unit.hours(left_days))
-        action = "look for a controller in manual, an interlock, or a very long integral time"
-        yield make_finding(unit, "controller", "not_met", left_days, miss, text, action)
-
-
-def _opposite(word: str) -> str:
-    return "warmer" if word == "colder" else "colder"
+    left_days &= left_days.any() and float(np.ptp(command[left_days])) < 0.3
+    water, side = ("chilled", "above") if sign < 0.0 else ("hot", "below")
+    cases = [
+        (f"{water} water", "not_met", dry_days,
+         f"the {coil} valve is wide open without effect, and works at other times of the same day",
+         f"look when {water} water is available, and start it earlier"),
+        (f"{coil} valve", "stuck_shut", still_days, "{state}: the air leaves {change} than it enters",
+         f"check that {water} water arrives; if it does, valve or actuator is stuck shut, or the strainer is full"),
+        (f"{coil} coil", "not_met", weak_days, "{state}: {seen}",
+         "check the temperature and flow of the water, the stroke of the valve, then the size of the coil"),
+        ("controller", "not_met", left_days,
+         f"the {coil} command stays near {{level:.0f}} % while T_sup is {{miss:.2g}} K off the set-point",
+         "look for a controller in manual, an interlock, or a very long integral time"),
+    ]  # fmt: skip
+    for component, kind, days, text, action in cases:
+        if days.any():
+            miss, change, level = (float(np.nanmedian(x[days])) for x in (np.abs(shortfall), effect, 100.0 * command))
+            state = "wide open" + f", and T_sup stays {miss:.2g} K {side} the set-point" * bool(np.isfinite(miss))
+            is_known = np.isfinite(change)
+            seen = f"the coil changes the air by {change:.2g} K" if is_known else "the entering air is not logged"
+            word = f"{abs(change):.2g} K {'warmer' if sign * change >= 0.0 else 'colder'}"
+            shown = text.format(state=state, change=word, seen=seen, level=level, miss=miss)
+            shown += f"; for {unit.hours(days):.1f} of the {unit.hours(called):.1f} h in which it was called, {{when}}"
+            yield make_finding(unit, component, kind, days, np.nan_to_num(miss), shown, action)
 
 
 def _still_mask(unit: AirHandlerSeries, name: str) -> Mask:

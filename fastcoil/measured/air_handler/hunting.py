@@ -39,7 +39,8 @@ def find_hunting(unit: AirHandlerSeries, faults: Sequence[Finding]) -> list[Find
     for window in find_swings(unit.T_sup, unit.on, unit.interval):
         if culprit := blame_swing(unit, window):
             (windows if culprit in windows else outside)[culprit].append(window)
-    passing = {f.component.split()[0]: unit.days_of(f.windows) for f in faults if f.kind in ("leak", "stuck_open")}
+    passing = {fault.component.split()[0]: {*unit.day[unit.mask_of(fault.windows)].tolist()}
+               for fault in faults if fault.kind in ("leak", "stuck_open")}  # fmt: skip
     for coil in unit.coils:
         fault_days = set().union(*(days for other, days in passing.items() if other != coil))
         beside = [window for window in windows[coil] if unit.day[window.first] in fault_days]
@@ -77,28 +78,21 @@ def _mask_of(unit: AirHandlerSeries, windows: Sequence[SwingWindow]) -> Mask:
 
 def _medians(unit: AirHandlerSeries, windows: Sequence[SwingWindow]) -> tuple[float, float]:
     """Return amplitude, K, and period, s, of several windows, weighted by how long they are."""
-    lengths = [window.end - window.first for window in windows]
-    repeated = [
-        np.repeat(column, lengths) for column in zip(*((w.peak_to_peak, w.period) for w in windows), strict=True)
-    ]
-    return 0.5 * float(np.median(repeated[0])), float(np.median(repeated[1]))
+    repeated = np.repeat([(w.peak_to_peak, w.period) for w in windows], [w.end - w.first for w in windows], axis=0)
+    peak_to_peak, period = np.median(repeated, axis=0).tolist()
+    return 0.5 * peak_to_peak, period
 
 
 def _find_swinging_set_points(unit: AirHandlerSeries) -> Iterator[Finding]:
     for name in dict.fromkeys(["T_set", "T_set_cooling", "T_set_heating"]):
         T_set = unit.get(name)
-        good = unit.on & np.isfinite(T_set)
-        windows = []
-        if good.any():
-            limits = (_LEAST_SET_POINT_SWING_K, _LONGEST_SET_POINT_HALF_CYCLE_S)
-            windows = find_swings(T_set, good, unit.interval, *limits)
-        if windows:
+        limits = (_LEAST_SET_POINT_SWING_K, _LONGEST_SET_POINT_HALF_CYCLE_S)
+        if windows := find_swings(T_set, unit.on & np.isfinite(T_set), unit.interval, *limits):
             mask, (amplitude, period) = _mask_of(unit, windows), _medians(unit, windows)
             which = {"T_set_cooling": "for cooling ", "T_set_heating": "for heating "}.get(name, "")
             text = f"the set-point {which}itself swings ± {amplitude:.2g} K every {describe_period(period)}, {{when}}"
-            action = (
-                "calm the loop or reset that writes the set-point, before the valve: lower its gain or raise its Ti"
-            )
+            cure = "lower its gain or raise its Ti"
+            action = f"calm the loop or reset that writes the set-point, before the valve: {cure}"
             yield make_finding(unit, "set-point", "set_point_swings", mask, amplitude, text, action)
 
 

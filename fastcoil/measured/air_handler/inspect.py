@@ -18,7 +18,7 @@ from fastcoil.measured.air_handler.faults import find_faults
 from fastcoil.measured.air_handler.hunting import find_hunting
 from fastcoil.measured.air_handler.series import AirHandlerSeries
 from fastcoil.measured.air_handler.unit import AirHandler
-from fastcoil.measured.grid import Grid, join_grids, resample_log
+from fastcoil.measured.grid import common_start, join_grids, resample_log
 from fastcoil.measured.part import LogSource
 
 _MAX_ANSWERS_BYTES = 2**20
@@ -74,36 +74,19 @@ def inspect(
         sources = [_with_answers(source, known) for source in sources]
     read_logs = [read_air_handler(source) for source in sources]
     (data, points), resampled = read_logs[0], [resample_log(data) for data, _ in read_logs]
-    grid = _join_days([grid for grid, _ in resampled], [data.start for data, _ in read_logs])
+    starts = [data.start for data, _ in read_logs]
+    grid = join_grids([grid for grid, _ in resampled], starts)
     name = data.name if len(sources) == 1 else f"{data.name} and {len(sources) - 1} more"
-    series = AirHandlerSeries(name, grid, data.start)
+    series = AirHandlerSeries(name, grid, common_start(starts))
     faults = find_faults(series)
     findings = sorted(faults + find_hunting(series, faults), key=lambda finding: finding.severity)
-    notes = [
-        *points.notes,
-        *(note for data, _ in read_logs for note in data.notes),
-        *(n for _, g in resampled for n in g),
-    ]
-    notes = list(dict.fromkeys(notes))
+    log_notes = [note for data, _ in read_logs for note in data.notes]
+    notes = list(dict.fromkeys([*points.notes, *log_notes, *(note for _, its in resampled for note in its)]))
     if not series.is_entering_measured and np.isnan(series.T_entering[0]).all():
         notes.append("without T_mixed, or T_return and T_out, nothing is said about valves that leak: log one of them")
     elif not series.is_entering_measured:
         notes.append("T_mixed is not logged: the entering air is taken to be between T_return and T_out")
     return AirHandler(name, findings, points, notes, series, sources)
-
-
-def _join_days(grids: list[Grid], starts: list[np.datetime64 | None]) -> Grid:
-    """Join the logs of one unit; their times are since the start of the first."""
-    joined, start = join_grids(grids), starts[0]
-    if len(grids) > 1 and start is not None:
-        for grid, first, at in zip(grids, joined.starts, starts, strict=True):
-            if at is None:
-                raise InputError("log: some have a timestamp and some elapsed_time: give one of them", "log", "time")
-            offset = float((at - start) / np.timedelta64(1, "s"))
-            last = first + grid.time.size
-            joined.time[first:last] = offset + grid.time
-            joined.time[last:] = joined.time[last - 1] + grid.interval * np.arange(1.0, joined.time.size - last + 1.0)
-    return joined
 
 
 def _read_answers(name: str, answers: Any) -> dict[str, dict[str, str]]:

@@ -185,16 +185,9 @@ class AirHandlerSeries:
         """Return where the samples of some windows are, (n,)."""
         mask = np.zeros(self.on.size, dtype=bool)
         for window in windows:
-            ends = [m if self.start is None else float((m - self.start) / np.timedelta64(1, "s")) for m in window]
-            mask |= (self.grid.time >= ends[0]) & (self.grid.time <= ends[1])
+            first, end = (m if self.start is None else (m - self.start) / np.timedelta64(1, "s") for m in window)
+            mask |= (self.grid.time >= first) & (self.grid.time < end)
         return mask
-
-    def days_of(self, windows: Sequence[tuple[Any, Any]]) -> set[int]:
-        """Return the numbers of the days of windows, none of which crosses midnight."""
-        starts = [
-            first if self.start is None else (first - self.start) / np.timedelta64(1, "s") for first, _ in windows
-        ]
-        return {int((float(at) + seconds_of_day(self.start)) // SECONDS_PER_DAY) for at in starts}
 
     def spans(self, mask: Mask, *, bridge: float = 1800.0) -> list[Span]:
         """Return start and end of each time in a mask, s since the start; a pause up to ``bridge``, s, ends none."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -41,8 +42,8 @@ class AirHandler(Result):
         List of `Finding`, the worst first: ``component``, ``kind``, ``windows``, ``size``, ``unit``, ``hours``,
         ``text``, ``action``, ``cause``.
     valves
-        Mapping of ``cooling``, ``heating`` and ``preheat`` to the `Diagnosis` of that valve, made when it is looked
-        up; a valve whose log cannot be diagnosed is missing.
+        Mapping of ``cooling``, ``heating`` and ``preheat`` to the `Diagnosis` of that valve, made when it is first
+        asked for; a valve whose log cannot be diagnosed is missing.
     points
         Headers and units with which the log was read.
     notes
@@ -58,7 +59,11 @@ class AirHandler(Result):
 
     @cached_property
     def valves(self) -> Mapping[str, Diagnosis]:
-        return _ValveDiagnoses(self.logs, self.points)
+        diagnoses = {}
+        for coil in self.points.coils:
+            with suppress(InputError):  # a valve that never moves, say: the findings are about it
+                diagnoses[coil] = diagnose([valve_log(log, self.points, coil) for log in self.logs])
+        return diagnoses
 
     @property
     def headline(self) -> str:
@@ -115,13 +120,11 @@ class AirHandler(Result):
         fig = Figure(figsize=(_PAGE_WIDTH_INCHES, 4.6 + 0.28 * n), layout="constrained")
         upper, middle, lower = fig.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.1, 0.28 * n + 0.1))
         times = series.times()
-        is_clock = series.start is not None
         upper.fill_between(times, *(np.where(series.on, T, np.nan) for T in series.T_entering), color=SHADE_GREY, lw=0)
         upper.plot(times, series.T_entering[0], color=LINE_GREY, lw=0.8, label="entering air")
         for coil in series.coils:
             label = f"set-point, {coil}" if f"T_set_{coil}" in series.grid.values else "set-point"
-            is_drawn = np.isfinite(series.T_set(coil)).any() and label not in [li.get_label() for li in upper.lines]
-            if is_drawn:
+            if np.isfinite(series.T_set(coil)).any() and label not in [li.get_label() for li in upper.lines]:
                 upper.plot(times, series.T_set(coil), color=_COIL_COLOURS[coil], ls=":", lw=0.9, label=label)
             command = np.where(series.grid.on, series.command(coil), np.nan)
             middle.plot(times, 100.0 * command, color=_COIL_COLOURS[coil], lw=0.8, label=f"{coil} valve")
@@ -131,7 +134,7 @@ class AirHandler(Result):
         for axes in (upper, middle):
             axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.2)
         self._draw_findings(lower)
-        if is_clock:
+        if series.start is not None:
             locator = AutoDateLocator(maxticks=10)  # type: ignore[no-untyped-call]
             lower.xaxis.set_major_locator(locator)
             lower.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
@@ -167,45 +170,10 @@ class AirHandler(Result):
         lines += toml_table("units", {**self.points.units, **self.logs[0].options.units})
         for finding in self.findings:
             values = {name: getattr(finding, name) for name in ("component", "kind", "size", "unit", "hours", "cause")}
-            windows = [[str(first), str(last)] for first, last in finding.windows]
-            table = toml_table(
-                "findings", {**values, "windows": windows, "text": finding.text, "action": finding.action}
-            )
+            values["windows"] = [[str(first), str(last)] for first, last in finding.windows]
+            table = toml_table("findings", values | {"text": finding.text, "action": finding.action})
             lines += ["", "[[findings]]", *table[2:]]
         return toml_document(lines, path)
-
-
-class _ValveDiagnoses(Mapping[str, Diagnosis]):
-    """The diagnosis of each valve, made when it is looked up."""
-
-    def __init__(self, logs: list[Log], points: AirHandlerPoints) -> None:
-        self._logs, self._points = logs, points
-        self._results: dict[str, Diagnosis | None] = {}
-
-    def __getitem__(self, coil: str) -> Diagnosis:
-        if coil not in self._points.coils:
-            raise KeyError(coil)
-        if coil not in self._results:
-            try:
-                self._results[coil] = diagnose([valve_log(log, self._points, coil) for log in self._logs])
-            except InputError:  # a valve that never moves, say: the findings are about it
-                self._results[coil] = None
-        if (result := self._results[coil]) is None:
-            raise KeyError(coil)
-        return result
-
-    def __iter__(self) -> Iterator[str]:
-        return (coil for coil in self._points.coils if coil in self)
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-    def __contains__(self, coil: object) -> bool:
-        try:
-            self[coil]  # type: ignore[index]
-        except KeyError:
-            return False
-        return True
 
 
 def _temperature_limits(series: AirHandlerSeries) -> tuple[float, float]:

@@ -73,6 +73,22 @@ def test_a_coil_with_too_little_effect_is_told_from_a_stuck_valve():
     assert (finding.component, finding.kind) == ("cooling coil", "not_met")
 
 
+def test_a_valve_that_works_later_on_the_day_lacked_water():
+    log = make_unit_log(1.0, cooling=in_hours(8, 18, 1.0), T_set=13.0)
+    is_dry = (np.arange(1440) < 720) & (log["AHU-3 CHW Valve"] > 0.5)
+    log["AHU-3 Supply Air Temp"] = log["AHU-3 Supply Air Temp"].where(~is_dry, log["AHU-3 Mixed Air Temp"] + 0.1)
+    [finding] = fc.inspect(log).findings
+    assert (finding.component, finding.kind) == ("chilled water", "not_met")
+    assert finding.hours == pytest.approx(3.5, abs=0.2)
+    assert "wide open without effect, and works at other times of the same day; for 3.4 of the 10.0 h" in finding.text
+
+
+def test_a_command_that_rests_off_the_set_point_is_named():
+    [finding] = fc.inspect(make_unit_log(1.0, cooling=0.3, T_set=17.0)).findings
+    assert (finding.component, finding.kind) == ("controller", "not_met")
+    assert finding.text.startswith("the cooling command stays near 30 % while T_sup is 3.2 K off the set-point; ")
+
+
 def test_heating_and_cooling_at_once_is_the_controllers_fault():
     kinds = kinds_of(fc.inspect(make_unit_log(1.0, cooling=in_hours(8, 18, 0.4), heating=in_hours(9, 17, 0.3))))
     assert kinds == [("controller", "fight")]
