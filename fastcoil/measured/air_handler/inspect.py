@@ -75,6 +75,8 @@ def inspect(
     read_logs = [read_air_handler(source) for source in sources]
     (data, points), resampled = read_logs[0], [resample_log(data) for data, _ in read_logs]
     starts = [data.start for data, _ in read_logs]
+    if len({start is None for start in starts}) > 1:
+        raise InputError("log: some have a timestamp and some elapsed_time: give one of them", "log", "time")
     grid = join_grids([grid for grid, _ in resampled], starts)
     name = data.name if len(sources) == 1 else f"{data.name} and {len(sources) - 1} more"
     series = AirHandlerSeries(name, grid, common_start(starts))

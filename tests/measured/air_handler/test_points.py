@@ -75,6 +75,13 @@ def test_two_cooling_valves_are_asked_about_and_named():
     assert_mistakes([("cooling_command", "missing")], fc.inspect, frame)
 
 
+def test_days_of_which_only_some_have_dates_are_refused():
+    frame = make_unit_log(0.5)
+    seconds = frame.drop(columns=frame.columns[0])
+    seconds.insert(0, "elapsed_time [s]", 60.0 * np.arange(len(frame)))
+    assert_mistakes([("log", "time")], fc.inspect, [frame, seconds])
+
+
 def test_a_log_without_a_valve_says_how_to_name_one():
     frame = make_unit_log(0.1).drop(columns=[HEADERS["cooling_command"], HEADERS["heating_command"]])
     assert_mistakes([("cooling_command", "missing")], fc.inspect, frame)
