@@ -239,7 +239,10 @@ def _resolve_column_unit(
     declared_units = table.declared_units(column) | ({"by units": caller_unit} if caller_unit else {})
     units = [*declared_units.items(), *([("by its cells", cell_unit)] if cell_unit else [])]
     if not units and len(series.units) > 1:  # of a number without dimension the only unit is 1
-        unit = propose_unit(series, cells.values) or "UNIT"
+        unit = propose_unit(series, cells.values)
+        if unit == "percent":  # numbers up to 10 or 20 may be a signal
+            unit = plausibility.detect_signal(cells.values[np.isfinite(cells.values)], unit)[0] or unit
+        unit = unit or "UNIT"
         cure = f"{table.unit_declaration_cure(column, unit)}, or use {options.unit_cure(series.name, unit)}"
         table.add_problem(f"{series.name} has no unit: {cure} ({series.known_units})", series.name, "unit")
         return None

@@ -283,3 +283,10 @@ def test_a_frame_is_read_as_a_file_is(tmp_path):
     assert_refused("timestamp", "time", read_checked_log, frame.iloc[rng.permutation(200)], ColumnSpec(("command",)))
     doubled = pd.concat([frame, frame["m_w [kg/s]"]], axis=1)
     assert_refused("m_w [kg/s]", "duplicate", read_checked_log, doubled, ColumnSpec(("command",)))
+
+
+def test_a_command_that_may_be_a_signal_is_not_proposed_in_per_cent(tmp_path):
+    volts = np.round(np.clip(np.linspace(1.9, 10.1, N), 2.0, 10.0), 2)
+    log = sound_log(np.random.default_rng(0)) | {"command": volts}
+    with pytest.raises(fc.InputError, match=r"--unit command='V 2-10'"):
+        read(tmp_path, log_text(log, UNITS | {"command": ""}), log)
