@@ -28,13 +28,10 @@ from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.answer import find_answer
 from fastcoil.study.analysis.choices import PLAIN_PI_VALUES, describe_place, largest, shorten
 from fastcoil.study.analysis.learned import is_learning_result
-from fastcoil.study.analysis.selected import (
-    condition_dims,
-    drawn_parameters,
-    group_by_parameters,
-    numeric_dims,
-    swept_dims,
-)
+
+from fastcoil.study.analysis.selected import (  # isort: skip
+    condition_dims, drawn_parameters, group_by_parameters, numeric_dims, swept_dims,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
