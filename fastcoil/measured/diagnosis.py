@@ -13,7 +13,7 @@ import xarray as xr
 
 from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
 from fastcoil.base.results import Result, toml_document, toml_table
-from fastcoil.base.text import format_kelvin, format_percent
+from fastcoil.base.text import align_columns, format_kelvin, format_percent
 from fastcoil.design.advice import AS_IS, INVERSE, INVERSE_SHARE, REPAIRED_VALVE, SIMC, Option, advise
 from fastcoil.design.swing_verdict import SwingVerdict
 from fastcoil.measured.cause import CASE_LABELS, CAUSE_BACKLASH, CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING
@@ -106,16 +106,19 @@ class Diagnosis(Result):
 
     def summary(self) -> list[str]:
         """Return the diagnosis as lines of text."""
+        return [*self.findings, *_tabulate_predictions(self), *(f"Note: {note}" for note in self.notes)]
+
+    @property
+    def findings(self) -> list[str]:
+        """Sentences on the log: its hours, controller and gap, what to do, whether the loop hunts and why."""
         attrs = self.signals.attrs
-        lines = [f"{self.source}: {attrs['hours']:.1f} h, a sample every {attrs['interval']:.4g} s"]
         kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
         controller = "" if np.isnan(kp) else f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"
-        lines += [self.headline, *filter(None, [controller, self.advice.reason])]
-        lines += [*_describe_predictions(self, ("as_found", "simc")), _describe_gap(self), _describe_hunting(self)]
-        if self.identified and self.backlash > GOOD_BACKLASH:
-            lines += ["Gap or sticking: a stem that sticks and then jumps looks the same in this log"]
-            lines += _describe_predictions(self, ("no_gap", "half_gap", "inverse"))
-        return lines + [f"Note: {note}" for note in self.notes]
+        answers = [self.headline, controller, self.advice.reason, _describe_gap(self), _describe_hunting(self)]
+        lines = [f"{self.source}: {attrs['hours']:.1f} h, a sample every {attrs['interval']:.4g} s"]
+        lines += filter(None, answers)
+        sticking = "Gap or sticking: a stem that sticks and then jumps looks the same in this log"
+        return [*lines, sticking] if self.identified and self.backlash > GOOD_BACKLASH else lines
 
     @property
     def headline(self) -> str:
@@ -378,24 +381,23 @@ def _describe_hunting_at_times(diagnosis: Diagnosis) -> str:
     return f"This loop hunts at times: ± {swing / 2:.2g} K every {describe_period(period)}, {times}."
 
 
-def _describe_predictions(diagnosis: Diagnosis, cases: Sequence[str]) -> list[str]:
-    """Describe what the fitted loop would do with other gains, another valve or an inverse, a line for each case."""
+def _tabulate_predictions(diagnosis: Diagnosis) -> list[str]:
+    """Tabulate what the fitted loop would do with other gains, another valve or an inverse."""
     if diagnosis.predictions is None:
         return []
-    labels = {"as_found": "Now", "simc": f"With {_describe_simc_gains(diagnosis.predictions)}",
-              "no_gap": "Without the gap", "half_gap": "With half the gap",
-              "inverse": "With a backlash inverse"}  # fmt: skip
-    hunts_now = float(diagnosis.predictions["hunts"].sel(case="as_found"))
-    lines = []
-    for case in cases:
+    labels = {"as_found": "Now", "simc": f"With {_describe_simc_gains(diagnosis.predictions)}"}
+    if diagnosis.identified and diagnosis.backlash > GOOD_BACKLASH:
+        labels |= {"no_gap": "Without the gap", "half_gap": "With half the gap", "inverse": "With a backlash inverse"}
+    rows, doubts = [("Predicted for a day:", "error", "motor", "stem", "")], []
+    for case, label in labels.items():
         prediction = diagnosis.predictions.sel(case=case)
-        change = ", no hunting" if hunts_now > float(prediction["hunts"]) else ""
-        rmse, travel, reversals = (float(prediction[n]) for n in ("rmse", "travel_per_day", "reversals_per_day"))
-        prediction_text = f"error {rmse:.2g} K, motor {travel:.0f} strokes a day, "
-        prediction_text += f"stem reverses {reversals:.0f} times a day{change}"
-        doubt = str(prediction["doubt"].values)
-        lines.append(f"{labels[case]}: {f'not predicted: {doubt}' if doubt else prediction_text}")
-    return lines
+        if doubt := str(prediction["doubt"].values):
+            doubts.append(f"{label}: not predicted: {doubt}")
+            continue
+        error, travel, reversals = (float(prediction[n]) for n in ("rmse", "travel_per_day", "reversals_per_day"))
+        numbers = (f"{error:.2g} K", f"{travel:.0f} strokes", f"{reversals:.0f} reversals")
+        rows.append((f"{label}:", *numbers, "hunts" * bool(prediction["hunts"] > 0.0)))
+    return [*(align_columns(rows, right=(1, 2, 3)) if len(rows) > 1 else []), *doubts]
 
 
 def _describe_simc_gains(predictions: xr.Dataset) -> str:
@@ -481,7 +483,7 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
         return
     predictions, cases = diagnosis.predictions, list(diagnosis.predictions["case"].values)
     bar_ys = np.arange(len(cases))[::-1]
-    error, travel = predictions["rmse"].values, predictions["travel_per_day"].values
+    error, travel, hunts = (predictions[name].values for name in ("rmse", "travel_per_day", "hunts"))
     bars = ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day"))
     for values, shift, colour, text_format in bars:
         percent = np.nan_to_num(100 * values / values[0])
@@ -493,7 +495,6 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
         axes.text(2, y, "not predicted", va="center", fontsize=7)
     axes.set_xlim(0, 160.0 * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED_LINE)
-    is_hunting = predictions["hunts"].values > 0
-    axes.set_yticks(bar_ys, [CASE_LABELS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, is_hunting, strict=True)])
+    axes.set_yticks(bar_ys, [CASE_LABELS[c] + "\n(hunts)" * bool(h > 0) for c, h in zip(cases, hunts, strict=True)])
     axes.set_xlabel("RMS error and motor travel [% of present value]")
     axes.grid(visible=False, axis="y")

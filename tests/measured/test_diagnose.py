@@ -83,8 +83,13 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve_wi
     lines = result.summary()
     now = next(k for k, line in enumerate(lines) if line.startswith("Controller: kp 0.0"))
     assert lines[now + 1] == result.advice.reason
-    assert lines[now + 2].startswith("Now: error ")
-    assert lines[now + 3].startswith(f"With kp {kp:g} 1/K, ti {ti:g} s: error ")
+    table = lines[lines.index(next(line for line in lines if line.startswith("Predicted for a day:"))) :]
+    shown = ["Now", f"With kp {kp:g} 1/K, ti {ti:g} s", "With half the gap", "With a backlash inverse"]
+    assert [row.split(": ")[0] for row in table[1:6]] == [*shown, "Without the gap"], "what is not predicted comes last"
+    now = result.predictions.sel(case="as_found")
+    error, travel, reversals = f"{now.rmse:.2g} K", f"{now.travel_per_day:.0f} strokes", f"{now.reversals_per_day:.0f}"
+    assert table[1].split() == ["Now:", *error.split(), *travel.split(), reversals, "reversals", "hunts"]
+    assert table[5].startswith("Without the gap: not predicted: ")
     with_gains = fc.diagnose(log, stroke_time=90.0, kp=0.05, ti=20.0)
     assert (float(with_gains.indices.kp), float(with_gains.indices.ti)) == (0.05, 20.0)
     assert with_gains.backlash == result.backlash

@@ -209,10 +209,9 @@ def diagnosis_page(d: Diagnosis) -> page.Page:
         "would do with another valve, gain or controller, present value = 100 %."
     )
     warnings = [] if d.identified else [f"The log does not identify the size of the gap: {d.reason}"]
-    answer = [line for line in d.summary() if not line.startswith("Note: ")]
     return _result_page(
         "Diagnosis", f"Is it the valve? {d.source}",
-        "How large is the gap of this valve, does its loop hunt, and is the valve to blame?", answer, warnings,
+        "How large is the gap of this valve, does its loop hunt, and is the valve to blame?", d.findings, warnings,
         page.make_picture(d.plot(), caption, "Signals, probability of each gap, predictions"), d.signals,
         _study_sections("diagnosis", d.to_toml(), d.notes),
     )  # fmt: skip
