@@ -496,5 +496,5 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.set_xlim(0, 160.0 * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED_LINE)
     axes.set_yticks(bar_ys, [CASE_LABELS[c] + "\n(hunts)" * bool(h > 0) for c, h in zip(cases, hunts, strict=True)])
-    axes.set_xlabel("RMS error and motor travel [% of present value]")
+    axes.set_xlabel("error, motor travel [% of now]")
     axes.grid(visible=False, axis="y")
