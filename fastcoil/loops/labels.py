@@ -27,6 +27,7 @@ _DISPLAY_UNITS = {
     "learning_interval": ("min", 1 / 60),
 }
 """Unit and factor of quantities that are shown in another unit than that of their table."""
+_BUFFER: Any = PARAMETERS["buffer"]
 
 
 class Quantity(NamedTuple):
@@ -44,8 +45,9 @@ class Quantity(NamedTuple):
         return f"{text_with_unit}: {self.meaning}" if self.meaning else text_with_unit
 
     def equals(self, value: float) -> str:
-        """Format ``backlash = 7 %``, for legends and headings."""
-        return f"{self.text} = {self.number(value)}"
+        """Format ``backlash = 7 %``, for legends and headings; ``no buffer`` where it only ignores round-off."""
+        is_round_off = self.text == _BUFFER.label and value <= _BUFFER.default
+        return f"no {self.text}" if is_round_off else f"{self.text} = {self.number(value)}"
 
     def number(self, value: float) -> str:
         """Format ``7 %``."""
@@ -79,8 +81,7 @@ def plain_pi_label(ds: xr.Dataset | xr.DataArray) -> str:
     }
     noise = (values["noise_std"] > 0.0).any() or (values["buffer_noise"] == "measured").any()
     follows_noise = (values["buffer_ratio"] > 0.0).any() and noise
-    # the default buffer, 1e-9, only ignores round-off
-    return "PI with a buffer" if follows_noise or (values["buffer"] > 1e-9).any() else "plain PI"
+    return "PI with a buffer" if follows_noise or (values["buffer"] > _BUFFER.default).all() else "plain PI"
 
 
 def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:

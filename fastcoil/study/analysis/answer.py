@@ -219,7 +219,7 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
         change, ratio = change_in_words(error.isel(best)), float(travel.isel(best).median())
         costs = f"RMS error {change} than with the plain PI, {ratio:.2g} times its travel, {costs}"
     fails, lowest = [], choices.unlimited
-    if lowest != best and not bool(choices.is_plain.isel(lowest)):
+    if not bool(choices.is_plain.isel(lowest)) and right.isel(lowest) < right.isel(best):
         share_right = _mean_share(table["share_right"].isel(lowest))
         fails.append(f"the setting of least error, {describe_labels_at(table, lowest)}, is right on {share_right}")
     alternatives = [_describe_comparator(name, part, plain, runs) for name, part in comparators.items()]
@@ -351,6 +351,8 @@ def _describe_costs(choices: Choices, best: Mapping[str, int]) -> str:
     if "hunts" in cell:
         share = float(cell["hunts"].mean())
         parts.append(f"{format_share(share)} of the loops hunt" if share else "no loop hunts")
+        if float(choices.hunting.min()) > HUNTING_LIMIT:
+            parts[-1] += ", and no choice calms them: see fastcoil explain"
     return f"{'; '.join(parts)}." if parts else ""
 
 
