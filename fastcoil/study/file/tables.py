@@ -177,6 +177,8 @@ def _describe_errors(error: ValidationError) -> Iterator[Problem]:
         for name, hint in pair_with_hints(unknown_keys, model.model_fields):
             prefix = f"[{table}] " if table else ""
             sentence = f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
+            if not table and name == "fit":
+                sentence = "[fit] is a table of what was fitted to a log: include this file in [loop] of a study"
             yield Problem(sentence, name, "name")
     for detail in details:
         place = list(map(str, detail["loc"]))

@@ -52,6 +52,7 @@ def test_the_hash_is_also_of_what_is_included(read):
         (STUDY, "[loop]\nbacklsh = 0.1", "backlsh", "name"),
         (STUDY, "[loop]\nbacklash = 1.1", "backlash", "value"),
         (STUDY, "[loop]\nC_w = 9.0", "C_w", "duplicate"),
+        (VALVE, VALVE, "fit", "name"),
     ],
 )
 def test_a_mistake_gets_one_sentence(read, tmp_path, study, valve, field, code):
