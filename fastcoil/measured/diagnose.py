@@ -103,6 +103,9 @@ def diagnose(
         grids.append(grid)
         starts.append(data.start)
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
+    if None not in starts:
+        order = np.argsort(starts, kind="stable")
+        grids, starts = [grids[k] for k in order], [starts[k] for k in order]
     grid, own_notes = keep_own_values(join_grids(grids, starts))
     notes += own_notes
     values, interval = grid.values, grid.interval

@@ -1,7 +1,9 @@
 """``fc.diagnose`` from log to answer: backlash, cause, words, TOML, page; and why it has none."""
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from click.testing import CliRunner
 from helpers.loop_logs import make_loop_log, write_log
 from helpers.refusals import assert_mistakes, assert_refused
@@ -121,6 +123,23 @@ def test_a_temperature_logged_at_changes_of_a_third_of_a_kelvin_is_not_trusted(l
             kept.append(k)
     coarse = T[np.array(kept)[np.searchsorted(kept, np.arange(T.size), side="right") - 1]]
     assert not fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=coarse)), stroke_time=90.0).identified
+
+
+def test_days_that_are_given_in_another_order_are_read_in_that_of_their_dates(tmp_path):
+    paths = []
+    for day, kp in enumerate((0.02, 0.04)):
+        frame = make_loop_log(hours=3.0, kp=kp, ti=18.0).to_dataframe().reset_index(drop=True)
+        frame.insert(0, "timestamp", pd.date_range(f"2026-03-{10 + day} 08:00", periods=len(frame), freq="10s"))
+        paths.append(tmp_path / f"day{day}.csv")
+        frame.to_csv(paths[-1], index=False)
+    units = {"command": "1", "T_sup": "degC", "T_set": "degC"}
+    first, again = (
+        fc.diagnose([fc.read_log(path, units=units) for path in order], stroke_time=90.0)
+        for order in (paths, paths[::-1])
+    )
+    assert (np.diff(again.signals.elapsed_time) > 0.0).all()
+    xr.testing.assert_identical(again.triage, first.triage)
+    assert again.headline == first.headline
 
 
 def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, coarse):
