@@ -193,7 +193,7 @@ def draw_presets(ds: xr.Dataset, rules: list[Rule]) -> None:
         plant_ds = ds.sel(coil=coil).transpose("kp", "ti")
         swing = plant_ds.swing.where(plant_ds.hunts > 0)
         mesh = panel.pcolormesh(
-            plant_ds.ti, plant_ds.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis_r", shading="nearest"
+            plant_ds.ti, plant_ds.kp, swing, norm=LogNorm(*SWING_LIMITS), cmap="cividis", shading="nearest"
         )
         mesh.set_rasterized(True)
         lines = panel.contour(plant_ds.ti, plant_ds.kp, plant_ds.period.where(plant_ds.regular > 0),

@@ -32,7 +32,7 @@ def _figure(rows: int, columns: int, height: float, small_print: str) -> tuple[F
 
 def _draw_cells(axes: Axes, values: np.ndarray, texts: Sequence[str], norm: Normalize, safe: np.ndarray) -> AxesImage:
     """Draw a map of ``values``, first row below, with a text in each cell."""
-    image = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis_r", norm=norm)
+    image = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis", norm=norm)
     for (row, column), text in zip(np.ndindex(values.shape), texts, strict=True):
         colour = "white" if norm(values[row, column]) > DARK_SHARE else "black"
         weight = "bold" if safe[row, column] else "normal"
