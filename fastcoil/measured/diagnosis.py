@@ -366,8 +366,8 @@ def _describe_hunting(diagnosis: Diagnosis) -> str:
     hourly_swings = diagnosis.triage["swing"].values[diagnosis.triage["state"].values == "swinging"]
     if hourly_swings.size and np.median(hourly_swings) > 1.3 * verdict.swing:
         answer += " on average over the log"
-    # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
-    blame = {CAUSE_BACKLASH: ", probably caused by the gap:", CAUSE_TUNING: ", caused by the tuning:"}
+    # both are blamed wrongly in more than a tenth of the logs: see the table diagnosis_answers
+    blame = {CAUSE_BACKLASH: ", probably caused by the gap:", CAUSE_TUNING: ", probably caused by the tuning:"}
     return f"{answer}{blame.get(cause, ';')} {because}."
 
 
