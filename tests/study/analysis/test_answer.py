@@ -46,6 +46,18 @@ def test_a_choice_that_hunts_is_not_recommended():
     found = fc.answer(study)
     assert found.recommend == {"kp": 0.03}
     assert "up to 100 % of the loops hunt" in found.alternatives[0]
+    assert "no choice calms them" not in found.costs
+    restless = fc.answer(study.assign(hunts=xr.full_like(study.hunts, 0.8)))
+    assert "80 % of the loops hunt, and no choice calms them: see fastcoil explain" in restless.costs
+
+
+def test_the_buffer_of_round_off_is_none_and_its_loop_without_estimate_a_plain_pi():
+    buffers = {"buffer": [1e-9, 0.01], "estimate_ratio": [0.0, 0.95]}
+    found = fc.answer(
+        make_study((*buffers,), buffers, rmse=[[0.3, 0.1], [0.3, 0.2]], motor_travel=np.full((2, 2), 4.0))
+    )
+    assert found.advice == "take no buffer and an inverse of 95 % of the backlash."
+    assert "lower than with the plain PI of the same loop" in found.brings
 
 
 def test_of_loops_that_rest_without_any_error_the_one_of_least_travel_is_recommended():
@@ -148,6 +160,7 @@ def test_the_learning_step_that_is_right_most_often_without_harm_is_recommended_
     assert found.brings.startswith("the backlash is found on 100 % of the days: half within 5 h")
     assert found.advice.startswith("take learning step")
     assert "the setting of least error, learning step = 1.4 %, is right on 60 %" in found.fails[0]
+    assert not fc.answer(make_learning([10, 10], [0, 0], [0.20, 0.15], plain=0.2)).fails
 
 
 def test_identify_is_preferred_where_it_does_no_worse_than_the_best_setting():
