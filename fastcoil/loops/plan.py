@@ -7,8 +7,9 @@ shard is some lanes (one loop and replicate each) on all days from the first on.
 import json
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 # chosen on two cores, see benchmarks/README.md
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4  # at least
-_LANE_STEPS_PER_FIRST_SHARD = 4e6  # then doubled, so that something is soon on the disk
+_LANE_STEPS_PER_FIRST_SHARD = 4e6
 _BYTES_PER_SHARD = 64 * 2**20  # results of a shard
 _BYTES_IN_FLIGHT = 192 * 2**20  # results of the shards of all workers and one more
 _LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, the most that a kill costs where a shard has more than 8 blocks
@@ -317,13 +318,12 @@ def cut_into_shards(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> 
         position_in_day = np.arange(todo.size) - np.searchsorted(day, day)
         edges = np.append(np.flatnonzero(position_in_day % LANES == 0), todo.size)  # where a block starts, and the end
         most_blocks, most_scenarios = plan.shard_limits(n_jobs, edges.size - 1)
-        first_blocks = max(1, round(_LANE_STEPS_PER_FIRST_SHARD / (plan.n_steps * LANES)))
+        sizes = _double_sizes(plan.n_steps, most_blocks, n_jobs)
         shards: list[Shard] = []
         start = 0
         while start < edges.size - 1:
             last_within = int(np.searchsorted(edges, edges[start] + most_scenarios, side="right")) - 1
-            n_blocks = min(most_blocks, first_blocks << min(len(shards) // n_jobs, 30))
-            stop = max(start + 1, min(start + n_blocks, last_within, edges.size - 1))
+            stop = max(start + 1, min(start + next(sizes), last_within, edges.size - 1))
             shards.append(Shard(todo[edges[start] : edges[stop]]))
             start = stop
         return shards
@@ -332,10 +332,20 @@ def cut_into_shards(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> 
     np.maximum.at(end_day, todo % n_per_day, todo // n_per_day + 1)
     lanes = np.flatnonzero(end_day)
     max_lanes = plan.lanes_of_sequence(n_jobs, lanes.size)
+    sizes = _double_sizes(plan.n_steps * len(plan.days), -(-max_lanes // LANES), n_jobs)
     day_ranges, range_index = np.unique(np.stack([first_day[lanes], end_day[lanes]]), axis=1, return_inverse=True)
     sequences = []
     for k, (begin, stop) in enumerate(day_ranges.T.tolist()):
         members = lanes[range_index.ravel() == k]
-        pieces = [members[n : n + max_lanes] for n in range(0, members.size, max_lanes)]
-        sequences += [Shard(piece, n_per_day, begin, stop) for piece in pieces]
+        while members.size:
+            n_lanes = min(next(sizes) * LANES, max_lanes)
+            sequences.append(Shard(members[:n_lanes], n_per_day, begin, stop))
+            members = members[n_lanes:]
     return sequences
+
+
+def _double_sizes(n_steps: int, most_blocks: int, n_jobs: int) -> Iterator[int]:
+    """Yield numbers of blocks, each of ``n_steps``: few at first, so that something is soon on the disk."""
+    first_blocks = max(1, round(_LANE_STEPS_PER_FIRST_SHARD / (n_steps * LANES)))
+    for k in count():
+        yield min(most_blocks, first_blocks << min(k // n_jobs, 30))

@@ -89,8 +89,11 @@ def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(d
     assert year.memory_of_run(1, "threads")[1] > 1.5 * year.boundary_bytes
 
 
+DAY = {"T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0}
+
+
 def two_minute_days(n_days):
-    return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
+    return fc.Boundary(m_a=np.full((n_days, 120), 1.0), **DAY)
 
 
 @settings(max_examples=20)
@@ -115,6 +118,10 @@ def test_the_first_shards_are_small_and_double_so_that_results_are_soon_kept():
     loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 32 * LANES)))
     sizes = [shard.size // LANES for shard in resources.cut_into_shards(plan_simulation(loop, fc.constant_day()), 2)]
     assert sizes == [2, 2, *[4] * 7]
+    sequence = plan_simulation(loop, fc.Boundary(m_a=np.full((4, 28800), 1.0), **DAY), carry_over=True)
+    sizes = [shard.lanes.size // LANES for shard in resources.cut_into_shards(sequence, 1)]
+    assert sizes[:3] == [1, 2, 4]
+    assert sum(sizes) == 32
 
 
 def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_of_each_lane(monkeypatch):
