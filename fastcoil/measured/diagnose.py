@@ -104,7 +104,7 @@ def diagnose(
         starts.append(data.start)
         notes += [note for note in (*data.notes, *grid_notes) if note not in notes]
     if None not in starts:
-        order = np.argsort(starts, kind="stable")
+        order = np.argsort(np.array(starts, dtype="datetime64[s]"), kind="stable")
         grids, starts = [grids[k] for k in order], [starts[k] for k in order]
     grid, own_notes = keep_own_values(join_grids(grids, starts))
     notes += own_notes

@@ -65,7 +65,8 @@ def draw_learning_study(ds: xr.Dataset, width: float | None = None) -> Figure:
         figure.legend(handles, labels, loc="outside lower center", ncols=max(1, int(inches // 2.4)), frameon=False)
     shown = f"; {len(columns)} of {n_conditions} conditions" if len(columns) < n_conditions else ""
     shown += drawing.left_out_in_words(table, line_dim, min(_MOST_LINES, table.sizes.get(line_dim, _MOST_LINES)))
-    caption = f"Median over days{describe_place(table, fixed)}; dotted: recommended; a gap in a line: never{shown}"
+    shown = "; dotted: recommended" * bool(found.recommend) + f"; a gap in a line: never{shown}"
+    caption = f"Median over days{describe_place(table, fixed)}{shown}"
     figure.suptitle(wrap_text("\n".join(filter(None, [str(ds.attrs.get("title", "")), caption])), inches - 0.4, 9))
     return figure
 

@@ -77,7 +77,8 @@ def wrap_to_axes(axes: Axes, text: str, points: int = _FONT_SIZE) -> str:
 
 def label_axes(axes: Axes, x: str, y: str) -> None:
     """Label both axes."""
-    axes.set(xlabel=wrap_to_axes(axes, x), ylabel=wrap_text(y, 2.0, _FONT_SIZE))
+    height = axes.bbox.height / axes.figure.dpi
+    axes.set(xlabel=wrap_to_axes(axes, x), ylabel=wrap_text(y, min(2.0, height), _FONT_SIZE))
 
 
 def draw_legend_above(axes: Axes) -> None:
@@ -141,6 +142,7 @@ def _set_swept_ticks(axis: Axis, positions: np.ndarray, values: np.ndarray) -> N
     axis.set_ticks(positions[k].tolist(), [f"{v:.3g}" for v in values[k]])
 
 
+_ONE_TWO_FIVE = [m * 10.0**k for k in range(-9, 9) for m in (1, 2, 5)]  # ticks of a logarithmic scale
 _LEAST_LOG_RATIO = 4.0  # of the largest over the least value along an axis, where it is logarithmic
 
 
@@ -158,7 +160,7 @@ def set_swept_scale(axes: Axes, values: np.ndarray) -> None:
         options: dict[str, Any] = {"linthresh": low, "linscale": 0.4} if is_with_zero else {}
         axes.set_xscale("symlog" if is_with_zero else "log", **options)
         axes.minorticks_off()
-        axes.xaxis.set_major_locator(FixedLocator([m * 10.0**k for k in range(-9, 9) for m in (1, 2, 5)]))
+        axes.xaxis.set_major_locator(FixedLocator(_ONE_TWO_FIVE))
         axes.xaxis.set_major_formatter("{x:.3g}")
 
 
@@ -173,6 +175,7 @@ def draw_map(
     """
     from matplotlib.colors import LogNorm, Normalize
     from matplotlib.patches import Rectangle
+    from matplotlib.ticker import FixedLocator
 
     quantity = values_quantity(values)
     x_quantity, y_quantity = (coordinate_quantity(values, dim) for dim in (x, y))
@@ -182,6 +185,8 @@ def draw_map(
     if mark_if_empty(axes, median):
         return None
     least, largest = limits or (float(median.min()), float(median.max()))
+    if values.name in SHARE_METRICS:
+        least, largest = 0.0, 100.0
     is_log = least > 0.0 and largest > _LOG_RANGE * least
     norm = (LogNorm if is_log else Normalize)(least, largest)
     mesh = axes.pcolormesh(median, cmap="cividis", norm=norm, rasterized=True)
@@ -197,7 +202,9 @@ def draw_map(
             look: Any = {"fill": False, "ec": colour, "lw": line_width, "zorder": 3, "clip_on": False}
             axes.add_patch(Rectangle((column, row), width, height, **look))
     scale = axes.figure.colorbar(mesh, ax=axes, format="{x:.3g}")
-    scale.ax.yaxis.set_minor_formatter("{x:.2g}" if largest < 30.0 * least else "")
+    if is_log:
+        scale.ax.yaxis.set_major_locator(FixedLocator(_ONE_TWO_FIVE))
+        scale.minorticks_off()
     scale.set_label(wrap_text(quantity.axis, 2.0, _FONT_SIZE))
     scale.ax.tick_params(labelsize=STYLE["font.size"])
     return mesh
@@ -224,6 +231,8 @@ def draw_curve(
     for edge in spread:
         axes.plot(along, quantity.factor * edge.sortby(x), color="0.5", lw=0.8, ls="--")
     draw_median_curve(axes, x_quantity.factor * values[x], quantity.factor * values, color=color, **look)
+    if values.name in SHARE_METRICS:
+        axes.set_ylim(0.0, 105.0)
     mark_if_empty(axes, values)
 
 

@@ -252,7 +252,8 @@ def draw_panels(
 def recommend_labels(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any], str]:
     """Recommend labels of the choices; fix axes that a figure does not draw: choices there, conditions at the worst.
 
-    Returns the recommended labels of all choices, those to select, and a clause for the caption.
+    Returns the recommended labels of all choices, none where the answer has none, those to select, and a clause for
+    the caption.
     """
     if "rmse" not in ds or "members" in ds.coords:
         return {}, {}, ""  # groups of drawn parameters
@@ -261,15 +262,15 @@ def recommend_labels(ds: xr.Dataset, drawn: Sequence[str]) -> tuple[dict[str, An
         return {}, {}, ""
     left = [d for d in swept_dims(ds) if d not in drawn]
     fixed = {d: found.place[d] for d in left if d in found.place}
-    label = describe_place(ds, found.place).removeprefix(" at ")
-    words = f"; recommended: {label}" if label else ""
+    label = describe_place(ds, found.place if found.recommend else fixed).removeprefix(" at ")
+    words = f"; {'recommended' if found.recommend else 'drawn'}: {label}" if label else ""
     if conditions := [d for d in left if d not in found.place]:
         rmse = found.table["rmse"].sel(found.place)
         worst = rmse.isel(largest(rmse))
         worst_labels = {d: worst[d].values.item() for d in conditions}
         words += f"; drawn{describe_place(ds, worst_labels)}, where the error is largest"
         fixed |= worst_labels
-    return dict(found.place), fixed, words
+    return dict(found.place) if found.recommend else {}, fixed, words
 
 
 def _other_choices(values: xr.DataArray, x: str, recommended: Mapping[str, Any]) -> dict[str, Any]:

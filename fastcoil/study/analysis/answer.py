@@ -112,6 +112,7 @@ def answer(results: Any) -> Answer:
     The choice is the one of lowest RMS error, relative to the best one of each condition (every plant that was swept),
     among those with at most twice the motor travel of the best plain PI and at most 5 % of the scenarios of a condition
     that hunt.  Of choices whose errors differ by less than 5 % it takes the plain PI, then the one of least travel.
+    Ratios in the sentences are medians over the conditions; brackets are their range.
 
     Parameters
     ----------
@@ -193,21 +194,28 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
     else:
         error = travel = xr.ones_like(table["rmse"])
     right = table["share_right"].mean(over).where(~choices.is_plain, -np.inf)
-    is_safe = (right >= learned.RIGHT_SHARE) & (travel.median(over) <= learned.HARMLESS_TRAVEL)
-    is_safe &= (error.max(over) <= 1.0 + learned.HARMLESS_CHANGE) & (
-        table["share_too_high"].max(over) <= learned.TOO_HIGH_SHARE
-    )
+    too_much = {
+        f"is right on less than {format_share(learned.RIGHT_SHARE)}": right < learned.RIGHT_SHARE,
+        f"is too high at the end on more than {format_share(learned.TOO_HIGH_SHARE)} of the days of a condition":
+            table["share_too_high"].max(over) > learned.TOO_HIGH_SHARE,
+        f"raises the error of a condition by more than {format_share(learned.HARMLESS_CHANGE)}":
+            error.max(over) > 1.0 + learned.HARMLESS_CHANGE,
+        f"moves the motor more than {learned.HARMLESS_TRAVEL:g} times as far as the plain PI":
+            travel.median(over) > learned.HARMLESS_TRAVEL,
+    }  # fmt: skip
+    is_safe = ~np.logical_or.reduce(xr.broadcast(*too_much.values()))
     has_safe = bool(is_safe.any())
     # of settings that are right equally often, the fastest
     speed = 1.0 / (1.0 + table["time_median"].max(over))
     best = largest((right.round(2) + 1e-3 * speed).where(is_safe if has_safe else True, -np.inf))
     runs, n = learned.describe_runs(results), int(table["n"].isel(best).sum())
     cell, setting = table.isel(best, drop=True), describe_labels_at(table, best)
-    identify: Any = comparators.get("identify")
+    identify: Any = comparators.get("identify" if "identify" not in _estimators(results) else "")
     if has_safe:
-        is_beaten = plain is not None and learned.is_better(identify, plain, cell, error.isel(best), travel.isel(best))
+        is_beaten = learned.is_better(identify, plain, cell, error.isel(best), travel.isel(best))
         advice = f"prefer identify; of these settings take {setting}." if is_beaten else f"take {setting}."
-        worst_time = learned.describe_time(cell.isel(largest(-cell["share_right"])), n / cell["share_right"].size)
+        slow = 1e-9 * cell["time_median"].clip(max=1e8)  # of conditions with equal shares, the slowest is the worst
+        worst_time = learned.describe_time(cell.isel(largest(slow - cell["share_right"])), n / slow.size)
         brings = f"the backlash is found on {_mean_share(cell['share_right'])} of the {runs}: {worst_time}"
         brings += ", in the worst condition." if cell["share_right"].ndim else "."
     else:
@@ -218,7 +226,8 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
     if has_plain:
         change, ratio = change_in_words(error.isel(best)), float(travel.isel(best).median())
         costs = f"RMS error {change} than with the plain PI, {ratio:.2g} times its travel, {costs}"
-    fails, lowest = [], choices.unlimited
+    fails = [f"it {' and '.join(n for n, is_so in too_much.items() if is_so.isel(best))}"] * (not has_safe)
+    lowest = choices.unlimited
     if not bool(choices.is_plain.isel(lowest)) and right.isel(lowest) < right.isel(best):
         share_right = _mean_share(table["share_right"].isel(lowest))
         fails.append(f"the setting of least error, {describe_labels_at(table, lowest)}, is right on {share_right}")
@@ -227,6 +236,14 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
         question, _recommended_values(table, best) if has_safe else {}, advice, brings, f"while it learns: {costs}.",
         tuple(fails), tuple(alternatives), table, _labels_of(table, best),
     )  # fmt: skip
+
+
+def _estimators(results: xr.Dataset) -> list[str]:
+    """Return the estimators of a result."""
+    stored = json.loads(results.attrs.get("parameters", "{}")).get("estimator", "none")
+    return list(
+        map(str, np.atleast_1d(results.coords["estimator"].values if "estimator" in results.coords else stored))
+    )
 
 
 def _describe_comparator(name: str, part: xr.Dataset, plain: xr.Dataset, runs: str) -> str:
@@ -336,7 +353,8 @@ def _describe_gain(choices: Choices, best: Mapping[str, int]) -> str:
         change = change_in_words(1.0 + cell["rmse_change"])
         text += f", {change} than with the {plain_pi_label(table)} of the same loop (median), and lower in "
         text += _mean_share(cell["share_lower"])
-    ratio = float(choices.error.where(np.isfinite(choices.error)).max() / choices.error.isel(best))
+    worst = largest(choices.error.where(np.isfinite(choices.error)))
+    ratio = float((choices.rmse.isel(worst) / choices.rmse.isel(best)).median())
     return text + (f"; the worst choice has {ratio:.2g} times this error." if ratio > 1.05 else ".")
 
 
@@ -412,7 +430,7 @@ def _costly_choice(choices: Choices, best: Mapping[str, int]) -> dict[str, int]:
 def _describe_alternatives(choices: Choices, best: Mapping[str, int]) -> list[str]:
     """Describe the choice of lowest error, where it costs too much, and the best plain PI, where it is simpler."""
     lines, reference = [], choices.reference
-    error = choices.error / choices.error.isel(best)
+    error = choices.rmse / choices.rmse.isel(best)
     if lowest := _costly_choice(choices, best):
         travel, hunting = choices.travel.isel(lowest) / choices.travel.isel(best), float(choices.hunting.isel(lowest))
         why = f"the motor travels {float(travel):.3g} times as far"

@@ -65,7 +65,8 @@ def make_table(ds: xr.Dataset) -> xr.Dataset:
         partner = ds.isel(at, drop=True)
         change = paired_change(ds["rmse"], partner["rmse"])
         pooled["rmse_change"] = change.median(chance)
-        pooled["share_lower"] = (change < 0.0).where(change.notnull()).mean(chance)
+        lower = (change < 0.0) + 0.5 * (change == 0.0)  # a tie counts half, as in fc.compare
+        pooled["share_lower"] = lower.where(change.notnull()).mean(chance)
         if "motor_travel" in ds:
             ratio = ds["motor_travel"] / partner["motor_travel"].where(partner["motor_travel"] > 0.0)
             pooled["travel_ratio"] = ratio.median(chance)
@@ -98,12 +99,13 @@ class Choices:
         self.table, self.conditions = table, condition_dims(table)
         self.dims = [str(d) for d in table["rmse"].dims if d not in self.conditions]
         self.over = [d for d in table["rmse"].dims if d in self.conditions]
-        rmse = table["rmse"]
+        self.rmse = rmse = table["rmse"].clip(min=LEAST_ERROR_K)
         # relative to the best choice of each condition, so that every condition counts alike
-        rmse = rmse.clip(min=LEAST_ERROR_K)
         self.error = (rmse / rmse.min(self.dims)).mean(self.over).fillna(np.inf)
         hunts = table["hunts"] if "hunts" in table else xr.zeros_like(rmse)
         self.hunting = hunts.max(self.over).fillna(np.inf)
+        if float(self.hunting.min()) > HUNTING_LIMIT:  # no choice is calm everywhere
+            self.hunting = hunts.mean(self.over).fillna(np.inf)
         is_plain = mask_plain_pi(table)
         is_plain = is_plain.all([d for d in is_plain.dims if d in self.conditions])
         self.is_plain = is_plain.broadcast_like(self.error)
@@ -208,7 +210,8 @@ def recommended_buffer(table: xr.Dataset, place: Mapping[str, int]) -> float:
 def format_range(values: xr.DataArray, unit: str = "K") -> str:
     """Format a median, and its range over the conditions where it varies."""
     low, middle, high = (float(v) for v in (values.min(), values.median(), values.max()))
-    over = f" ({low:.3g} to {high:.3g})" if values.ndim and f"{low:.3g}" != f"{high:.3g}" else ""
+    condition = coordinate_quantity(values, str(values.dims[0])).text if values.ndim == 1 else "condition"
+    over = f" ({low:.3g} to {high:.3g} by {condition})" if values.ndim and f"{low:.3g}" != f"{high:.3g}" else ""
     return f"{middle:.3g} {unit}{over}"
 
 

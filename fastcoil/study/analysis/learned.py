@@ -107,10 +107,10 @@ def read_comparators(ds: xr.Dataset) -> dict[str, xr.Dataset]:
 
 
 def is_better(
-    comparator: xr.Dataset | None, plain: xr.Dataset, cell: xr.Dataset, error: xr.DataArray, travel: xr.DataArray
+    comparator: xr.Dataset | None, plain: xr.Dataset | None, cell: xr.Dataset, error: xr.DataArray, travel: xr.DataArray
 ) -> bool:
     """Whether a comparator is right as often as a setting, at no more error and no more travel, over the plain PI."""
-    if comparator is None:
+    if comparator is None or plain is None:
         return False
     own_error, own_travel = ((comparator[n] / plain[n]).median() for n in ("rmse", "motor_travel"))
     is_right_as_often = comparator["share_right"].mean() >= cell["share_right"].mean()
