@@ -47,6 +47,9 @@ def test_a_choice_that_hunts_is_not_recommended():
     assert found.recommend == {"kp": 0.03}
     assert "up to 100 % of the loops hunt" in found.alternatives[0]
     assert "no choice calms them" not in found.costs
+    by_gap = xr.concat([study.assign(hunts=xr.ones_like(study.hunts))] * 2, xr.Variable("backlash", [0.02, 0.1]))
+    calmer = by_gap.hunts.where((by_gap.kp != 0.03) | (by_gap.backlash > 0.02), 0.0)
+    assert fc.answer(by_gap.assign(hunts=calmer)).recommend == {"kp": 0.03}, "with the others every loop hunts"
     restless = fc.answer(study.assign(hunts=xr.full_like(study.hunts, 0.8)))
     assert "80 % of the loops hunt, and no choice calms them: see fastcoil explain" in restless.costs
 
@@ -173,6 +176,25 @@ def test_identify_is_preferred_where_it_does_no_worse_than_the_best_setting():
         assert found.recommend == {"learning_step": 0.007}
 
 
+def test_a_setting_that_moves_the_motor_too_far_is_not_shipped_and_that_is_said():
+    ds = make_learning([10, 10], [0, 0], [0.2, 0.2], plain=0.25)
+    found = fc.answer(ds.assign(motor_travel=2.5 * ds.motor_travel))
+    assert found.recommend == {}
+    assert found.fails == ("it moves the motor more than 2 times as far as the plain PI",)
+
+
+def test_the_worst_condition_is_the_slowest_of_those_with_equal_shares():
+    fast, slow = (make_learning([10, 10], [0, 0], [0.2, 0.2], plain=0.25) for _ in range(2))
+    slow = slow.assign(time_identified=3.0 * slow.time_identified)
+    found = fc.answer(xr.concat([fast, slow], xr.Variable("noise_std", [0.0, 0.02])).assign_attrs(fast.attrs))
+    assert found.brings == "the backlash is found on 100 % of the days: half within 15 h, in the worst condition."
+
+
+def test_identify_is_not_preferred_to_itself():
+    ds = make_learning([8, 10], [0, 0], [0.20, 0.18], plain=0.25).assign_coords(estimator="identify")
+    assert fc.answer(ds).advice.startswith("take learning step")
+
+
 def test_a_day_that_is_right_at_the_end_does_not_count_as_too_high():
     table = fc.answer(make_learning([10, 8], [4, 4], [0.2, 0.2], plain=0.25)).table
     assert table["share_too_high"].values.tolist() == [0.0, 0.2]
@@ -185,6 +207,7 @@ def test_where_every_learning_step_fails_none_is_recommended_and_identify_is_nam
         "ship none of these settings: the one that is right most often, learning step = 0.7 %"
     )
     assert found.alternatives[0].startswith("identify: RMS error 0 % higher, 1 times the travel, right on 100 %")
+    assert found.fails[0] == "it is right on less than 80 %"
     harmful = fc.answer(make_learning([10, 10], [0, 0], [0.3, 0.3], plain=0.25))
     assert harmful.recommend == {}, "an error 20 % above that of the plain PI is harm"
 
