@@ -11,6 +11,7 @@ from helpers.refusals import refuses
 from helpers.results import make_result
 
 import fastcoil as fc
+from fastcoil.deliver.figures.swept import recommend_labels
 
 
 def make_study(dims, coords, **metrics):
@@ -208,6 +209,8 @@ def test_where_every_learning_step_fails_none_is_recommended_and_identify_is_nam
     )
     assert found.alternatives[0].startswith("identify: RMS error 0 % higher, 1 times the travel, right on 100 %")
     assert found.fails[0] == "it is right on less than 80 %"
+    recommended, _, caption = recommend_labels(make_learning([5, 6, 4], [0, 0, 5], [0.2, 0.2, 0.2], plain=0.25), [])
+    assert (recommended, "recommended" in caption) == ({}, False), "nor is one marked in a figure"
     harmful = fc.answer(make_learning([10, 10], [0, 0], [0.3, 0.3], plain=0.25))
     assert harmful.recommend == {}, "an error 20 % above that of the plain PI is harm"
 
