@@ -11,7 +11,7 @@ import click
 import fastcoil as fc
 from fastcoil.base.arguments import require_choice
 from fastcoil.cli.arguments import PATH
-from fastcoil.cli.terminal import echo
+from fastcoil.cli.terminal import echo, load_user_code
 
 REPORT_OPTION = "--report"
 
@@ -97,7 +97,7 @@ def export(path: Path, language: str | None, has_test: bool, out: Path | None) -
     language = require_choice("language", language or default_language, SUFFIXES)
     study = read_study(path)
     loop = study.plan.layout.loop
-    load_code(loop.rules, study.rules)
+    load_code(loop.rules, study.rules, load_user_code)
     make_test = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
     test = make_test() if has_test and loop["test_start"] is None else None
     for path_written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):

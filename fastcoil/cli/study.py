@@ -398,7 +398,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
 
     if out is not None:
         require_output_file("-o", out, *(f".{form}" for form in FIGURE_FORMATS))
-    scenario = pick_scenario(target, parse_labels(at), parse_pairs("--set", changes))
+    scenario = pick_scenario(target, parse_labels(at), parse_pairs("--set", changes), load_user_code)
     explanation = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     echo(scenario.title, *explanation.text.splitlines())
     write_result(explanation, out, report)
@@ -461,7 +461,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     from fastcoil.study.maintenance import pick_scenario
 
     name, labels = str(target), parse_labels(at)
-    model = Model(None if name in PRESETS and not labels else pick_scenario(target, labels, {}), name)
+    model = Model(None if name in PRESETS and not labels else pick_scenario(target, labels, {}, load_user_code), name)
 
     def open_page(address: str) -> None:
         echo(f"Page: {address}  (this machine only; Ctrl-C ends it)")

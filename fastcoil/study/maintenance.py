@@ -167,14 +167,18 @@ class Scenario(NamedTuple):
     seed: int
 
 
-def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
+def pick_scenario(
+    target: Path, at: Mapping[str, str], changes: Mapping[str, str],
+    prepare: Callable[[str, UserCode], object] = load_function,
+) -> Scenario:  # fmt: skip
     """Pick one scenario of a preset, a study or its results.
 
     target: a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; a study file; or the folder of a study.
     at: dimension → label, for every dimension with more than one.  changes: parameter → value, as text, for the whole
-    study, so that a dimension whose only parameter is changed needs no label.
+    study, so that a dimension whose only parameter is changed needs no label.  prepare: loads the user-defined rules
+    of the scenario, once it is found.
     """
-    title, plan = _load_target(target)
+    title, plan, sources = _load_target(target)
     loop, boundary = plan.layout.loop, plan.layout.boundary
     problems: list[str] = []
     with collect_problems(problems, "--set "):
@@ -192,25 +196,21 @@ def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str
     unread = [name for name in unread_values(loop) if name not in changes] if layout.loop.sizes else []
     defaults: dict[str, Any] = {name: PARAMETERS[name].default for name in unread}
     loop = loop.assign(**defaults)
-    rules = [name for name, rule in Layout(loop, boundary).loop.rules.items() if not rule.is_loaded]
-    if rules:
-        sentence = f"{target}: the scenario uses {' and '.join(rules)}, code of the study's own, which is not run here"
-        cure = "pick another scenario with --at, or use fc.explain in Python"
-        raise InputError(f"{sentence}: {cure}", "--at", "unsupported")
+    load_code(Layout(loop, boundary).loop.rules, sources, prepare)
     day_note = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
     changes_text = ", ".join(f"{name}={text}" for name, text in changes.items())
     full_title = "; ".join(filter(None, [title, ", ".join(labels), changes_text, day_note]))
     return Scenario(full_title, loop, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
 
 
-def _load_target(target: Path) -> tuple[str, Plan]:
-    """Return title and plan of the study or preset."""
+def _load_target(target: Path) -> tuple[str, Plan, Mapping[str, UserCode]]:
+    """Return title, plan and sources of user-defined rules of the study or preset."""
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
         day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
         day_name = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
-        return f"{name} on {day_name}", plan_simulation(Loop.preset(name), day)
+        return f"{name} on {day_name}", plan_simulation(Loop.preset(name), day), {}
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
@@ -220,4 +220,4 @@ def _load_target(target: Path) -> tuple[str, Plan]:
         sentence = f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}"
         cure = f"give a study file, the folder of its results, or one of {', '.join(PRESETS)}"
         raise InputError(f"{sentence}; {cure}", name, "path")
-    return study.title, study.plan
+    return study.title, study.plan, study.rules
