@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,16 @@ NOT_THE_PAPER_FIT = "None of them is the fit of the paper, which was not publish
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named loop: the ``values`` that differ from the defaults, ``T_w_in``, degC, of the water of its coil."""
+    """A named loop: the ``values`` that differ from the defaults, ``T_w_in``, degC, of the water of its coil.
+
+    ``constant_day``: arguments of the day that suits it, where that is not ``paper_day`` or ``heating_day``.
+    """
 
     name: str
     text: str
     values: Mapping[str, Scalar]
     T_w_in: float = 7.0
+    constant_day: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def heats(self) -> bool:
@@ -29,6 +33,18 @@ class Preset:
     def has_room(self) -> bool:
         """Whether a room is behind the coil."""
         return "room_capacity" in self.values
+
+    @property
+    def day(self) -> tuple[str, Mapping[str, float]]:
+        """Return the function of ``loops.boundary.days`` that makes a day for it, and its arguments."""
+        if self.constant_day:
+            return "constant_day", self.constant_day
+        return ("heating_day", {"T_w_in": self.T_w_in}) if self.heats else ("paper_day", {})
+
+    @property
+    def day_text(self) -> str:
+        """Return its day as a call, such as ``heating_day(T_w_in=60)``."""
+        return f"{self.day[0]}({', '.join(f'{name}={value:g}' for name, value in self.day[1].items())})"
 
     def value(self, parameter: Parameter) -> Scalar | None:
         """Return its value of a parameter; None if others replace it."""

@@ -15,7 +15,6 @@ from fastcoil.base.files import is_file, is_folder, portable_file_name
 from fastcoil.base.machine import command_line
 from fastcoil.base.text import parse_number_or_word
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
@@ -24,18 +23,21 @@ from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
-from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.model.numerics.jit import model_sha256, numeric_environment
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
-from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.spec import BOUNDARY_KINDS, read_study
 from fastcoil.study.file.user_code import UserCode, load_code, load_function
 from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
 from fastcoil.study.folder.results import find_folder_problems, open_metrics
 from fastcoil.study.folder.state import is_result_of
 from fastcoil.study.folder.stored import Manifest, study_attributes
+
+from fastcoil.model.metric_table import (  # isort: skip
+    METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES, WARM_UP_S,
+)  # fmt: skip
 
 RERUNS_FOLDER = "reruns"
 
@@ -173,7 +175,7 @@ def pick_scenario(
 ) -> Scenario:  # fmt: skip
     """Pick one scenario of a preset, a study or its results.
 
-    target: a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; a study file; or the folder of a study.
+    target: a preset, on the day that suits it; a study file; or the folder of a study.
     at: dimension → label, for every dimension with more than one.  changes: parameter → value, as text, for the whole
     study, so that a dimension whose only parameter is changed needs no label.  prepare: loads the user-defined rules
     of the scenario, once it is found.
@@ -208,9 +210,10 @@ def _load_target(target: Path) -> tuple[str, Plan, Mapping[str, UserCode]]:
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
-        day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
-        day_name = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
-        return f"{name} on {day_name}", plan_simulation(Loop.preset(name), day), {}
+        make_day, values = preset.day
+        warm_up = 4 * 3600 if preset.has_room else WARM_UP_S  # rooms settle in hours
+        plan = plan_simulation(Loop.preset(name), BOUNDARY_KINDS[make_day](**values), warm_up=warm_up)
+        return f"{name} on {preset.day_text}", plan, {}
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
