@@ -37,6 +37,8 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
             parameters = ", ".join(tables.get("loop", ())) or "no parameter"
             use = f'in a study: [loop] include = ["{out.name}"]; it has {parameters}'
             use = use if "loop" in tables else f"for the next unit: --answers {out}"
+            if not getattr(result, "is_advised", True):
+                use = f"the advice is to leave the settings as they are; it has {parameters}"
             echo(f"{label + ':':<9}{out} ({use})")
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
         paths = write_figures({out.stem: result.plot()}, out.parent, format=figure_format)

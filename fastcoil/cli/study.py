@@ -24,6 +24,7 @@ from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityErr
 from fastcoil.base.files import exists, is_folder, portable_file_name, require_output_file, write_atomically
 from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
+from fastcoil.base.text import format_count
 from fastcoil.cli.arguments import PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import echo, handle_interrupts, load_user_code, print_logs
@@ -130,10 +131,10 @@ def plan(study: Path, jobs: int | None) -> None:
         echo(f"Precision:   {spec.precision.describe_plan(run_plan.n_scenarios // spec.batches)}")
     n_shards = len(cut_into_shards(run_plan, n_jobs))
     n_steps = run_plan.n_scenarios * run_plan.n_steps
-    echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
+    echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {format_count(n_shards, 'shard')}")
     echo(f"Boundary:    {run_plan.layout.boundary.describe()}")
-    threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''} without figures"
     duration = format_duration(reading_seconds + seconds)
+    threads = f"{format_count(n_jobs, 'thread')} without figures"
     echo(f"Time:        about {duration} on {threads} (measured on blocks of this study)")
     echo(f"Memory:      about {format_bytes(memory_bytes)} ({format_bytes(available_memory())} available)")
     exclusion = "" if traces_kept else ", without what reduce returns"

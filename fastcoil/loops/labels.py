@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.text import format_count
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
@@ -96,7 +97,7 @@ def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
 def sizes_in_words(sizes: Mapping[Any, int]) -> str:
     """Format the sizes of a result: ``2 days × 15 values of backlash``."""
     return " × ".join(
-        f"{n:,} {dim}{'s' * (n != 1)}" if dim in RESERVED_DIMS else f"{n:,} value{'s' * (n != 1)} of {dim}"
+        format_count(n, str(dim)) if dim in RESERVED_DIMS else f"{format_count(n, 'value')} of {dim}"
         for dim, n in sizes.items()
     )
 

@@ -21,7 +21,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.figures import encode_figure
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.machine import VERSION
-from fastcoil.base.text import MINUS_SIGN, MISSING_VALUE, escape_control_characters, format_number
+from fastcoil.base.text import MINUS_SIGN, MISSING_VALUE, escape_control_characters, format_count, format_number
 from fastcoil.loops.labels import quantity, sizes_in_words
 from fastcoil.loops.presets import NOT_THE_PAPER_FIT, PRESETS
 from fastcoil.model.parameter_table import PARAMETERS
@@ -206,7 +206,7 @@ def method_section(ds: xr.Dataset) -> Section:
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
         ("Days", str(ds.attrs.get("boundary", MISSING_VALUE))),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', MISSING_VALUE)} s"),
-        ("Noise", f"{noise_text}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
+        ("Noise", f"{noise_text}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {format_count(n, 'realisation')}"),
     ]  # fmt: skip
     if ds.attrs.get("carry_over"):
         facts.append((
