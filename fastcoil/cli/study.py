@@ -423,7 +423,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.study.run import default_folder
 
     n_jobs, folder = number_of_threads(jobs), out or default_folder(study)
-    request = read_study(study, prepare=load_user_code).tuning
+    request = read_study(study, prepare=load_user_code, parses_tuning=True).tuning
     if request is None:
         sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
         raise InputError(sentence, "[tune]", "missing")

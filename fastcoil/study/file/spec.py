@@ -153,7 +153,7 @@ class Study:
     included_parameters: Mapping[str, Any] = field(default_factory=dict)  # from the files in ``[loop] include``
     sample_file_hashes: Sequence[str] = ()  # of the files that ``[sample]`` names
     rules: Mapping[str, UserCode] = field(default_factory=dict)  # code of user-defined rules, by name
-    tuning: TuningRequest | None = None  # of ``[tune]``
+    tuning: TuningRequest | None = None  # of ``[tune]``, if it was parsed
     precision: Precision | None = None  # of ``[run] precision``
     batches: int = 1  # of samples in ``plan``
     largest_plan: Plan | None = field(default=None, repr=False)  # that of the most samples that may be drawn
@@ -191,25 +191,29 @@ class Study:
 
 
 def read_study(
-    path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserCode], object] | None = None
-) -> Study:
+    path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserCode], object] | None = None,
+    parses_tuning: bool = False,
+) -> Study:  # fmt: skip
     """Read and validate a study file; ``InputError`` with one sentence for each mistake in it.
 
     folder: where relative paths and modules of the user's code start; the file's by default.  prepare: loads the user's
     code, called with its key (``reduce``, ``estimator`` …) and source; by default none of it is run.
+    parses_tuning: whether ``[tune]`` is read and checked, on which no scenario depends.
     """
     text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES)
     text = text.replace("\r\n", "\n")
     tables = parse_toml(text, str(path))
     try:
-        return _build_study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
+        where = path.parent if folder is None else folder
+        return _build_study(text, tables, path.stem, where, prepare, parses_tuning)
     except InputError as error:
         raise InputError([problem.with_prefix(f"{path}: ") for problem in error.problems]) from None
 
 
 def _build_study(
-    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, UserCode], object] | None
-) -> Study:
+    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, UserCode], object] | None,
+    parses_tuning: bool,
+) -> Study:  # fmt: skip
     file, problems = parse_tables(tables)
     run = file.run
     precision: Precision | None = None
@@ -240,7 +244,7 @@ def _build_study(
     if loop is not None and boundary is not None:
         options = run.model_dump(exclude={"reduce", "precision"})
         plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
-        if file.tune is not None:
+        if file.tune is not None and parses_tuning:
             tuning = attempt(parse_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
     if run.reduce is not None:
         reduction = attempt(find_function, "reduce", run.reduce, folder, prefix="[run] ")
