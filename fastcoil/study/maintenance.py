@@ -73,7 +73,7 @@ def status(folder: Path) -> list[str]:
             due = [f"{k}/{n}" for k in range(1, n + 1) if missing[JobSlice(k, n).index(plan)].any()]
             due = [name for name in due if name not in held]
             running.append(f"Of {n} shares {len(due)} are to be run{': ' * bool(due)}{list_first(due)}.")
-    resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
+    resume = f"To resume: {command_line(['fastcoil', 'run', store.find_source(manifest), '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
 

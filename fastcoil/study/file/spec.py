@@ -20,6 +20,7 @@ from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, 
 from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
+from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.analysis.precision import DEFAULT_MAX_BATCHES, MIN_BATCHES, Precision
@@ -200,7 +201,10 @@ def read_study(
     code, called with its key (``reduce``, ``estimator`` …) and source; by default none of it is run.
     parses_tuning: whether ``[tune]`` is read and checked, on which no scenario depends.
     """
-    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES)
+    what = f"a study file, or make one with `fastcoil init {path}`"
+    if str(path) in PRESETS:
+        what = f'a study file; for this preset, one with preset = "{path}" in [loop]'
+    text = read_text(path, what, MAX_STUDY_FILE_BYTES)
     text = text.replace("\r\n", "\n")
     tables = parse_toml(text, str(path))
     try:
