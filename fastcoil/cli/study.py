@@ -418,15 +418,12 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.base.progress import ProgressDisplay
     from fastcoil.design.tune import run_tuning
     from fastcoil.loops.simulate import number_of_threads
-    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.file.spec import read_tuning
     from fastcoil.study.folder.folder import hold_folder
     from fastcoil.study.run import default_folder
 
     n_jobs, folder = number_of_threads(jobs), out or default_folder(study)
-    request = read_study(study, prepare=load_user_code, parses_tuning=True).tuning
-    if request is None:
-        sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
-        raise InputError(sentence, "[tune]", "missing")
+    request = read_tuning(study, prepare=load_user_code)
     display = ProgressDisplay()
     with handle_interrupts(display, study, folder, "tune"), hold_folder(folder):
         with display:

@@ -300,8 +300,8 @@ def verdict(current: Option, changed: Option, *, has_noise: bool = False) -> str
     is_worse, is_better = ratio > WORSE, ratio < BETTER
     if current.hunts and changed.hunts:
         start = NOISE_SWINGS_IT if has_noise and changed.hunting_index < UNSURE_HUNTING_INDEX[0] else "still hunts"
-        size = ", but less" if changed.swing < BETTER * current.swing else ""
-        size = ", and more" if changed.swing > WORSE * current.swing else size
+        ratio = changed.swing / current.swing if current.swing else math.nan
+        size = ", but less" if ratio < BETTER else ", and more" if ratio > WORSE else ""
         return f"{start}{size}{', at a larger error' * is_worse}"
     if current.hunts:
         return "cures it, at a larger error" if is_worse else "cures it"
@@ -321,8 +321,7 @@ def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice
     names = ("cure", "words", "error", "motor_travel", "hunts", "hunting_index", "chatters", "hunting_swing")
     options = [Option(*row) for row in zip(*(results[name].values.tolist() for name in names), strict=True)]
     has_noise = float(trial.loop["noise_std"]) > 0.0  # type: ignore[arg-type]
-    verdicts = [verdict(options[0], option, has_noise=has_noise) for option in options]
-    ds = ds.assign(verdict=("cure", verdicts))
+    ds = ds.assign(verdict=("cure", [verdict(options[0], option, has_noise=has_noise) for option in options]))
     advice = advise(options, holds_set_point=not ds["share_off"][0] > LOST_SHARE, least_error=NOTICEABLE)
     decisive = list(dict.fromkeys([0, advice.best]))
     hunts = [options[k].hunts for k in decisive]

@@ -243,8 +243,8 @@ class Explanation:
             ends = f"  Any backlash triggers it; the {format_percent(backlash)} gap {determine} the size of the swing."
         elif self.hunts:
             repaired = str(self.cures["verdict"].sel(cure=REPAIRED_VALVE).values) if REPAIRED_VALVE in cures else ""
-            cause = "The noise would swing it" if NOISE_SWINGS_IT in repaired else "It would swing"
-            ends = f"  {cause} even with a perfect valve."
+            start = "Noise would swing it" if NOISE_SWINGS_IT in repaired else "It would swing"
+            ends = f"  {start} even with a perfect valve."
         return f"Why: {fault} ({index_text}).{ends}"
 
     @property
@@ -445,14 +445,13 @@ def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
 def _draw_day(axes: Axes, e: Explanation, middle: int) -> None:
     """Draw the controlled temperature around the second ``middle``, as it is and with the recommended cure."""
     cures, best, boundary, is_room = e.simulated, e.best_advice.best, e.boundary, e._has_controlled_room
-    elapsed, seconds = cures["elapsed_time"].values, 6 * 3600 if is_room else 5400
-    start = max(0, min(middle - 600, boundary.n_steps - seconds))
-    is_drawn = (elapsed >= start) & (elapsed < start + seconds)
-    hours, T = elapsed[is_drawn] / 3600.0, cures["T_room" if is_room else "T_sup"].values[:, is_drawn]
+    start = max(0, min(middle - 600, boundary.n_steps - (seconds := 6 * 3600 if is_room else 5400)))
+    drawn = cures["T_room" if is_room else "T_sup"].sel(elapsed_time=slice(start, start + seconds - 1))
+    hours, T = drawn["elapsed_time"].values / 3600.0, drawn.values
     axes.plot(hours, T[0], color=RED, lw=1.0, label="as it is")
     if best:
         axes.plot(hours, T[best], color=BLUE, lw=1.2, label=str(cures["words"].values[best]))
-    T_set = boundary.series["T_set"][0][elapsed[is_drawn].astype(int)]
+    T_set = boundary.series["T_set"][0][drawn["elapsed_time"].values.astype(int)]
     axes.plot(hours, T_set, color="black", lw=0.9, ls="--", label="set-point")
     axes.set(xlabel="time from the start [h]", ylabel="room [°C]" if is_room else "supply air [°C]")
     axes.margins(x=0.0)

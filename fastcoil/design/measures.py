@@ -115,10 +115,9 @@ def parse_limits(limits: object, quantile: object) -> list[Limit]:
                 share = float(arguments.to_builtin(share)) if arguments.is_number(share) else None
             as_now = isinstance(arguments.to_builtin(most), str) and arguments.to_builtin(most) == NOW
             is_share = metric in METRICS and quantity(metric).factor == 100.0  # shown in per cent
-            words, largest = (f"{cure}; a share is at most 1: 5 % is 0.05", 1.0) if is_share else (cure, LARGEST_FLOAT)
-            if not as_now:
-                most = check(arguments.require_number, f"limits: {metric}", most, words, most=largest)
-            parsed.append(Limit(Measure(metric, share), math.inf if as_now else most, as_now))
+            words, high = (f"{cure}; a share is at most 1: 5 % is 0.05", 1.0) if is_share else (cure, LARGEST_FLOAT)
+            most = math.inf if as_now else check(arguments.require_number, f"limits: {metric}", most, words, most=high)
+            parsed.append(Limit(Measure(metric, share), most, as_now))
         check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in InputError(check.problems).problems]
     return parsed
 

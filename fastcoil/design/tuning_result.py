@@ -183,11 +183,6 @@ class Tuning(Result):
         return advise(options, error_name=self.objective.words, format_error=self.objective.format_value).text
 
     @property
-    def is_advised(self) -> bool:
-        """Whether the advice is to take the chosen settings."""
-        return not self._advice_as_given.startswith("Leave it")
-
-    @property
     def _settings(self) -> str:
         units = {name: quantity(name).unit.removesuffix("%") for name in self.parameters}
         return ", ".join(f"{name} = {value!r} {units[name]}".rstrip() for name, value in self.parameters.items())

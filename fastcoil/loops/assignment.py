@@ -43,17 +43,10 @@ def check_value(parameter: parameter_table.Parameter, value: Any) -> parameter_t
     if array is not None and array.ndim:
         return _check_array(parameter, array)
     value = arguments.to_builtin(value if array is None else array.values)
-    if problem := _find_problem(parameter, value):
-        raise InputError(problem)
+    if problem := parameter.problem(value):
+        own = ', or in a study your own: "module:function"' if name in RULE_KINDS else ""
+        raise InputError(problem + own, name, problem.code)
     return value if parameter.is_word else int(value) if name in parameter_table.INTEGER_PARAMETERS else float(value)
-
-
-def _find_problem(parameter: parameter_table.Parameter, value: Any) -> Problem | None:
-    """Return the mistake in a value; of a rule's word with how a study names one of the user."""
-    problem, own = parameter.problem(value), ', or in a study your own: "module:function"'
-    if problem is None or parameter.name not in RULE_KINDS:
-        return problem
-    return Problem(problem + own, problem.field, problem.code)
 
 
 def _sweep_values(parameter: parameter_table.Parameter, values: Any) -> np.ndarray:
@@ -75,7 +68,7 @@ def _sweep_values(parameter: parameter_table.Parameter, values: Any) -> np.ndarr
     for value in (arguments.to_builtin(item) for item in values if type(item) not in right_types):
         if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(f"{name} = {short_repr(value)} in a list: {cure}", name, "shape")
-        if problem := _find_problem(parameter, value):
+        if problem := parameter.problem(value):
             raise InputError(problem)
     return np.asarray(values)
 
@@ -95,7 +88,7 @@ def _check_array(parameter: parameter_table.Parameter, array: xr.DataArray) -> x
             flat = flat.astype(float)
         is_valid = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
         is_valid &= (flat == np.floor(flat)) | (not parameter.whole)
-    problems = [p for value in flat[~is_valid].tolist() if (p := _find_problem(parameter, value))]
+    problems = [p for p in map(parameter.problem, flat[~is_valid].tolist()) if p]
     if problems:
         more = f" (and {len(problems) - 1} more of its values)" if len(problems) > 1 else ""
         first = InputError(problems).problems[0]

@@ -276,12 +276,11 @@ def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
         ends = (sorted(sign * end for end in boundary.extremes[name]) for name in ("T_w_in", "T_a_in", "T_set"))
         (_, water), (least_air, air), (T_set, highest_set_point) = ends
         if water < least_air:
-            suiting = [preset for preset in PRESETS.values() if preset.heats == (action == "heating")]
-            suiting.sort(key=lambda preset: preset.has_room != ("T_room" in used_choices(loop, "controlled")))
+            suiting = (preset for preset in PRESETS.values() if preset.heats == (action == "heating"))
+            best = min(suiting, key=lambda p: p.has_room != ("T_room" in used_choices(loop, "controlled")))
             yield (
                 f"action = {action!r}, but the water, {sign * water:.3g} degC at best, cannot {verb} air of "
-                f"{sign * least_air:.3g} degC: give action = {opposite_action!r}, or days of {action}, such as "
-                f"{suiting[0].day_text}"
+                f"{sign * least_air:.3g} degC: give action = {opposite_action!r}, or days such as {best.day_text}"
             )
         elif max(water, air) < T_set:
             yield (

@@ -96,10 +96,8 @@ def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
 
 def sizes_in_words(sizes: Mapping[Any, int]) -> str:
     """Format the sizes of a result: ``2 days × 15 values of backlash``."""
-    return " × ".join(
-        format_count(n, str(dim)) if dim in RESERVED_DIMS else f"{format_count(n, 'value')} of {dim}"
-        for dim, n in sizes.items()
-    )
+    words = {d: format_count(n, str(d) if d in RESERVED_DIMS else "value") for d, n in sizes.items()}
+    return " × ".join(text if d in RESERVED_DIMS else f"{text} of {d}" for d, text in words.items())
 
 
 def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:

@@ -13,16 +13,12 @@ NOT_THE_PAPER_FIT = "None of them is the fit of the paper, which was not publish
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named loop: the ``values`` that differ from the defaults, ``T_w_in``, degC, of the water of its coil.
-
-    ``constant_day``: arguments of the day that suits it, where that is not ``paper_day`` or ``heating_day``.
-    """
+    """A named loop: the ``values`` that differ from the defaults, ``day``, as in ``[boundary]``, of a day for it."""
 
     name: str
     text: str
     values: Mapping[str, Scalar]
-    T_w_in: float = 7.0
-    constant_day: Mapping[str, float] = field(default_factory=dict)
+    day: Mapping[str, Any] = field(default_factory=lambda: {"kind": "paper_day"})
 
     @property
     def heats(self) -> bool:
@@ -35,16 +31,10 @@ class Preset:
         return "room_capacity" in self.values
 
     @property
-    def day(self) -> tuple[str, Mapping[str, float]]:
-        """Return the function of ``loops.boundary.days`` that makes a day for it, and its arguments."""
-        if self.constant_day:
-            return "constant_day", self.constant_day
-        return ("heating_day", {"T_w_in": self.T_w_in}) if self.heats else ("paper_day", {})
-
-    @property
     def day_text(self) -> str:
         """Return its day as a call, such as ``heating_day(T_w_in=60)``."""
-        return f"{self.day[0]}({', '.join(f'{name}={value:g}' for name, value in self.day[1].items())})"
+        values = ", ".join(f"{name}={value:g}" for name, value in self.day.items() if name != "kind")
+        return f"{self.day['kind']}({values})"
 
     def value(self, parameter: Parameter) -> Scalar | None:
         """Return its value of a parameter; None if others replace it."""

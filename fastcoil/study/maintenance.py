@@ -1,7 +1,7 @@
 """Look at a study's folder: its progress, whether it is sound, one scenario in full or by its labels."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,21 +23,18 @@ from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.model.numerics.jit import model_sha256, numeric_environment
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
-from fastcoil.study.file.spec import BOUNDARY_KINDS, read_study
-from fastcoil.study.file.user_code import UserCode, load_code, load_function
+from fastcoil.study.file.spec import build_boundary, read_study
+from fastcoil.study.file.user_code import Prepare, UserCode, load_code, load_function
 from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
 from fastcoil.study.folder.results import find_folder_problems, open_metrics
 from fastcoil.study.folder.state import is_result_of
 from fastcoil.study.folder.stored import Manifest, study_attributes
-
-from fastcoil.model.metric_table import (  # isort: skip
-    METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES, WARM_UP_S,
-)  # fmt: skip
 
 RERUNS_FOLDER = "reruns"
 
@@ -73,7 +70,7 @@ def status(folder: Path) -> list[str]:
             due = [f"{k}/{n}" for k in range(1, n + 1) if missing[JobSlice(k, n).index(plan)].any()]
             due = [name for name in due if name not in held]
             running.append(f"Of {n} shares {len(due)} are to be run{': ' * bool(due)}{list_first(due)}.")
-    resume = f"To resume: {command_line(['fastcoil', 'run', store.find_source(manifest), '-o', str(folder)])}"
+    resume = f"To resume: {command_line(['fastcoil', 'run', store.find_source(), '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
 
@@ -83,9 +80,7 @@ def verify(folder: Path) -> list[str]:
     return store.read_consistently(lambda: find_folder_problems(store))
 
 
-def rerun(
-    folder: Path, at: Mapping[str, str], prepare: Callable[[str, UserCode], object] = load_function
-) -> tuple[Path, list[str]]:
+def rerun(folder: Path, at: Mapping[str, str], prepare: Prepare = load_function) -> tuple[Path, list[str]]:
     """Run one scenario of a study again, with all traces at every second; return the file, and the outcome in lines.
 
     at: dimension → label, for every dimension with more than one.  prepare: loads user-defined rules; a reduction is
@@ -130,9 +125,8 @@ def _locate_scenario(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[s
     ds = xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates())
     selection = select_labels(ds, {dim: [text] for dim, text in at.items()})
     labels = {str(dim): list_first(selection[dim].values) for dim, n in selection["status"].sizes.items() if n > 1}
-    raise_problems([
-        Problem(f"--at: {dim} is missing, choose one of {known}", "--at", "missing") for dim, known in labels.items()
-    ])  # fmt: skip
+    missing = [f"--at: {dim} is missing, choose one of {known}" for dim, known in labels.items()]
+    raise_problems([Problem(sentence, "--at", "missing") for sentence in missing])
     selection = selection.squeeze()
     index = int(selection["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
@@ -170,15 +164,13 @@ class Scenario(NamedTuple):
 
 
 def pick_scenario(
-    target: Path, at: Mapping[str, str], changes: Mapping[str, str],
-    prepare: Callable[[str, UserCode], object] = load_function,
-) -> Scenario:  # fmt: skip
+    target: Path, at: Mapping[str, str], changes: Mapping[str, str], prepare: Prepare = load_function
+) -> Scenario:
     """Pick one scenario of a preset, a study or its results.
 
     target: a preset, on the day that suits it; a study file; or the folder of a study.
     at: dimension → label, for every dimension with more than one.  changes: parameter → value, as text, for the whole
-    study, so that a dimension whose only parameter is changed needs no label.  prepare: loads the user-defined rules
-    of the scenario, once it is found.
+    study, so that a dimension whose only parameter is changed needs no label.  Only rules of the scenario are prepared.
     """
     title, plan, sources = _load_target(target)
     loop, boundary = plan.layout.loop, plan.layout.boundary
@@ -210,9 +202,8 @@ def _load_target(target: Path) -> tuple[str, Plan, Mapping[str, UserCode]]:
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
-        make_day, values = preset.day
-        warm_up = 4 * 3600 if preset.has_room else WARM_UP_S  # rooms settle in hours
-        plan = plan_simulation(Loop.preset(name), BOUNDARY_KINDS[make_day](**values), warm_up=warm_up)
+        options: dict[str, Any] = {"warm_up": 4 * 3600} if preset.has_room else {}  # rooms settle in hours
+        plan = plan_simulation(Loop.preset(name), build_boundary(preset.day, Path()), **options)
         return f"{name} on {preset.day_text}", plan, {}
     if is_folder(target):
         store = StudyFolder(target)

@@ -8,7 +8,7 @@ from helpers.sentences import assert_worded
 
 import fastcoil as fc
 from fastcoil.design import tune as module
-from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.spec import read_study, read_tuning
 
 STUDY = """
 title = "Tune me"
@@ -45,7 +45,7 @@ def study(tmp_path, monkeypatch):
 
 def read(path, table):
     path.write_text(STUDY + table)
-    return read_study(path, parses_tuning=True)
+    return read_tuning(path)
 
 
 @pytest.mark.kernel
@@ -109,9 +109,9 @@ def test_a_study_without_the_table_is_refused_with_an_example(study):
 
 def test_days_to_try_it_on_are_labels_or_a_boundary(study):
     table = "[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = "
-    request = read(study, table + "[1]").tuning
+    request = read(study, table + "[1]")
     assert (request.training.boundary.day.tolist(), request.holdout.boundary.day.tolist()) == ([2], [1])
-    request = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }').tuning
+    request = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }')
     assert request.holdout.boundary == fc.paper_day(hours=0.1, seed=[7, 8])
 
 
@@ -132,6 +132,6 @@ def test_days_to_try_it_on_are_labels_or_a_boundary(study):
 def test_mistakes_in_the_table_name_it(study, table):
     study.write_text(f"{STUDY}[tune]\n{table}")
     with pytest.raises(fc.InputError) as raised:
-        read_study(study, parses_tuning=True)
+        read_tuning(study)
     assert all("[tune]" in problem for problem in raised.value.problems)
     assert_worded(*raised.value.problems)

@@ -279,8 +279,8 @@ def state_counts(ds: xr.Dataset) -> dict[str, int]:
 
 def describe_counts(ds: xr.Dataset) -> str:
     """Describe how many valves are in each state, in a sentence."""
-    counts = ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
-    return f"{format_count(ds.sizes['valve'], 'valve')}: {counts}"
+    head = format_count(ds.sizes["valve"], "valve")
+    return f"{head}: " + ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
 
 
 def _valves_page(ds: xr.Dataset) -> Page:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from fastcoil.base import arguments
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
-from fastcoil.base.text import format_count
 from fastcoil.logs.series import COLUMNS, Series, count_suffix
 from fastcoil.logs.timestamps import format_utc_offset, require_time_zone, time_zone_from_name
 from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
@@ -91,8 +90,8 @@ def read_series(
     if day_labels is None:
         day_labels = np.arange(common.n_days) if common.n_days else np.asarray(0)
     elif common.n_days is not None and day_labels.size != common.n_days:
-        sentence = f"day has {format_count(day_labels.size, 'label')} for {format_count(common.n_days, 'day')}"
-        problems.append(Problem(f"{sentence}: give one label for each day", "day", "shape"))
+        sentence = f"day has {day_labels.size} labels for {common.n_days} days: give one label for each day"
+        problems.append(Problem(sentence, "day", "shape"))
     elif any("day" in entry.dims for entry in series.values()):
         day_labels = np.atleast_1d(day_labels)
     for name, entry in series.items():
@@ -250,8 +249,7 @@ def make_clock(
     items = start if isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim) else [start]
     times = [_parse_time(item[()] if isinstance(item, np.ndarray) else item) for item in items]
     if len(times) not in (1, day.size):
-        given, n_days = format_count(len(times), "time"), format_count(day.size, "day")
-        raise InputError(f"start has {given} for {n_days}: {_CURE}", "start", "shape")
+        raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}", "start", "shape")
     zone = _resolve_zone(times, next(iter(zones.values()), ""))
     cure = f"clocks of {zone} are put forward over that time: give one that they show"
     arguments.raise_problems([

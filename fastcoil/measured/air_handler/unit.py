@@ -14,7 +14,6 @@ import numpy as np
 from fastcoil.base.errors import InputError
 from fastcoil.base.figures import BLUE, LINE_GREY, RED, SHADE_GREY, YELLOW, apply_style, wrap_text
 from fastcoil.base.results import Result, toml_document, toml_table
-from fastcoil.base.text import format_count
 from fastcoil.logs.air_handler import AirHandlerPoints, valve_log
 from fastcoil.logs.log import Log
 from fastcoil.measured.air_handler.finding import Finding
@@ -103,7 +102,7 @@ class AirHandler(Result):
     def summary(self) -> list[str]:
         """Return the inspection as lines of text, the worst finding first."""
         series = self.series
-        days = format_count(series.days.size, "day")
+        days = f"{series.days.size} day{'s' if series.days.size != 1 else ''}"
         head = f"{self.source}: {' and '.join(series.coils)} valve{'s' if len(series.coils) > 1 else ''}, {days}, "
         lines = [f"{head}{series.hours(series.on):.0f} h of operation, a sample every {series.interval:.4g} s"]
         if not self.findings or self.findings[0].kind == "unoccupied":

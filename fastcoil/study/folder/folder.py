@@ -108,9 +108,9 @@ class StudyFolder:
         except ValueError:  # not UTF-8, or too large
             return None
 
-    def find_source(self, manifest: Manifest) -> str:
+    def find_source(self) -> str:
         """Find the study file that the run was started from, by its text; ``STUDY.toml`` where it is not known."""
-        folder, text = self.path / manifest.relative_to, self.read_text()
+        folder, text = self.path / self.require_manifest().relative_to, self.read_text()
         for path in sorted(folder.glob("*.toml")):
             with suppress(FastcoilError):
                 if files.read_text(path, "", MAX_STUDY_FILE_BYTES).replace("\r\n", "\n") == text:
@@ -126,10 +126,8 @@ class StudyFolder:
         try:
             study = read_study(self.study_path, self.path / manifest.relative_to)
         except InputError as error:
-            raise IntegrityError(
-                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
-                + "\n".join(error.problems)
-            ) from None
+            sentence = f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}"
+            raise IntegrityError("\n".join([sentence, *error.problems])) from None
         matching = study.find_by_hash(manifest.study_sha256)
         if matching is None:
             changed = "the series of its [boundary]"

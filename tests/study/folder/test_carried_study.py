@@ -19,7 +19,7 @@ from fastcoil.loops import netcdf, plan
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
-from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.spec import read_tuning
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.stored import Shards
 
@@ -167,4 +167,4 @@ def test_a_tuning_of_days_in_sequence_is_refused(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(CARRIED + "[tune]\nsearch = { kp = [0.01, 0.02] }\n")
     with refuses(("carry_over", "unsupported")):
-        read_study(path, parses_tuning=True)
+        read_tuning(path)
