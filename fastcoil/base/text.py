@@ -79,6 +79,11 @@ def align_columns(rows: Sequence[Sequence[str]], *, right: Collection[int] = ())
     return lines
 
 
+def format_count(n: int, noun: str) -> str:
+    """Format a number of things: ``1 day``, ``1,080 days``."""
+    return f"{n:,} {noun}{'s' * (n != 1)}"
+
+
 def format_share(share: float, low: float = math.nan, high: float = math.nan, *, decimals: int = 0) -> str:
     """Format a share, with its interval if given: ``12 % (10 to 15)``."""
     value, *ends = (f"{100.0 * fraction:.{decimals}f}" for fraction in (share, low, high))

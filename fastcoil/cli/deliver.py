@@ -11,7 +11,7 @@ import click
 import fastcoil as fc
 from fastcoil.base.arguments import require_choice
 from fastcoil.cli.arguments import PATH
-from fastcoil.cli.terminal import echo
+from fastcoil.cli.terminal import echo, load_user_code
 
 REPORT_OPTION = "--report"
 
@@ -31,12 +31,15 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
     """Write a result to ``out``, as TOML with a figure beside it, or as a figure, and to ``report`` as a page."""
     if out is not None:
         from fastcoil.base.figures import write_figures
+        from fastcoil.design.tuning_result import Tuning
 
         if out.suffix.lower() == ".toml":
             tables = tomllib.loads(result.to_toml(out))
             parameters = ", ".join(tables.get("loop", ())) or "no parameter"
             use = f'in a study: [loop] include = ["{out.name}"]; it has {parameters}'
             use = use if "loop" in tables else f"for the next unit: --answers {out}"
+            if isinstance(result, Tuning) and result.advice.startswith("Leave it"):
+                use = f"the advice is to leave the settings as they are; it has {parameters}"
             echo(f"{label + ':':<9}{out} ({use})")
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")
         paths = write_figures({out.stem: result.plot()}, out.parent, format=figure_format)
@@ -97,7 +100,7 @@ def export(path: Path, language: str | None, has_test: bool, out: Path | None) -
     language = require_choice("language", language or default_language, SUFFIXES)
     study = read_study(path)
     loop = study.plan.layout.loop
-    load_code(loop.rules, study.rules)
+    load_code(loop.rules, study.rules, load_user_code)
     make_test = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
     test = make_test() if has_test and loop["test_start"] is None else None
     for path_written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):

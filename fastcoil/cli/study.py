@@ -24,6 +24,7 @@ from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityErr
 from fastcoil.base.files import exists, is_folder, portable_file_name, require_output_file, write_atomically
 from fastcoil.base.machine import command_line
 from fastcoil.base.progress import format_duration
+from fastcoil.base.text import format_count
 from fastcoil.cli.arguments import PATH, parse_label_lists, parse_labels, parse_pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_result
 from fastcoil.cli.terminal import echo, handle_interrupts, load_user_code, print_logs
@@ -130,10 +131,10 @@ def plan(study: Path, jobs: int | None) -> None:
         echo(f"Precision:   {spec.precision.describe_plan(run_plan.n_scenarios // spec.batches)}")
     n_shards = len(cut_into_shards(run_plan, n_jobs))
     n_steps = run_plan.n_scenarios * run_plan.n_steps
-    echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
+    echo(f"Steps:       {run_plan.n_steps:,} s each, {n_steps:,} in total, {format_count(n_shards, 'shard')}")
     echo(f"Boundary:    {run_plan.layout.boundary.describe()}")
-    threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''} without figures"
     duration = format_duration(reading_seconds + seconds)
+    threads = f"{format_count(n_jobs, 'thread')} without figures"
     echo(f"Time:        about {duration} on {threads} (measured on blocks of this study)")
     echo(f"Memory:      about {format_bytes(memory_bytes)} ({format_bytes(available_memory())} available)")
     exclusion = "" if traces_kept else ", without what reduce returns"
@@ -398,7 +399,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
 
     if out is not None:
         require_output_file("-o", out, *(f".{form}" for form in FIGURE_FORMATS))
-    scenario = pick_scenario(target, parse_labels(at), parse_pairs("--set", changes))
+    scenario = pick_scenario(target, parse_labels(at), parse_pairs("--set", changes), load_user_code)
     explanation = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     echo(scenario.title, *explanation.text.splitlines())
     write_result(explanation, out, report)
@@ -417,15 +418,12 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.base.progress import ProgressDisplay
     from fastcoil.design.tune import run_tuning
     from fastcoil.loops.simulate import number_of_threads
-    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.file.spec import read_tuning
     from fastcoil.study.folder.folder import hold_folder
     from fastcoil.study.run import default_folder
 
     n_jobs, folder = number_of_threads(jobs), out or default_folder(study)
-    request = read_study(study, prepare=load_user_code).tuning
-    if request is None:
-        sentence = f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
-        raise InputError(sentence, "[tune]", "missing")
+    request = read_tuning(study, prepare=load_user_code)
     display = ProgressDisplay()
     with handle_interrupts(display, study, folder, "tune"), hold_folder(folder):
         with display:
@@ -461,7 +459,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     from fastcoil.study.maintenance import pick_scenario
 
     name, labels = str(target), parse_labels(at)
-    model = Model(None if name in PRESETS and not labels else pick_scenario(target, labels, {}), name)
+    model = Model(None if name in PRESETS and not labels else pick_scenario(target, labels, {}, load_user_code), name)
 
     def open_page(address: str) -> None:
         echo(f"Page: {address}  (this machine only; Ctrl-C ends it)")

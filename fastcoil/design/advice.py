@@ -31,6 +31,7 @@ LOST_SHARE = 0.5  # of the time off the set-point from which a loop does not hol
 INVERSE_SHARE = 0.95  # estimate of the inverse over the gap
 BUFFER_SWING = 0.1  # K, see the parameter ``buffer_swing``
 
+NOISE_SWINGS_IT = "noise still swings it"  # a verdict
 AS_IS = "as_it_is"
 LOWER_KP = "lower_kp"
 LONGER_TI = "longer_ti"
@@ -151,7 +152,7 @@ class Trial(NamedTuple):
 
 
 def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
-    """Simulate and predict every cure: metrics, the trace T_sup, hunting index and whether it hunts, over ``cure``.
+    """Simulate and predict every cure: metrics, controlled temperature, hunting index, ``hunts``, over ``cure``.
 
     ``hunts`` and ``swing_alone``: see ``judge_by_twins``.
     ``chatters`` is 1 where the motor keeps turning because the estimate is larger than the gap.
@@ -159,7 +160,7 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     swept, boundary = sweep_cures(trial.loop, cures), trial.boundary
     interval = max(2, -(-boundary.n_steps // 43200))
     options: dict[str, Any] = {"warm_up": trial.warm_up, "seed": trial.seed, "n_jobs": 1}
-    ds = simulate(swept, boundary, traces=["T_sup"], trace_interval=interval, progress=False, **options)
+    ds = simulate(swept, boundary, traces=[swept["controlled"]], trace_interval=interval, progress=False, **options)
     ds = judge_by_twins(ds, swept, boundary, **options)
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
     ds = ds if "cure" in ds.dims else ds.expand_dims("cure")
@@ -204,6 +205,7 @@ class Option(NamedTuple):
     hunts: bool
     hunting_index: float = math.nan
     chatters: bool = False
+    swing: float = math.nan  # of T_sup, K
 
 
 class Advice(NamedTuple):
@@ -290,14 +292,17 @@ def advise(
     return Advice(best, text)
 
 
-def verdict(current: Option, changed: Option) -> str:
-    """Effect of an option compared with the loop as it is, in a few words."""
+def verdict(current: Option, changed: Option, *, has_noise: bool = False) -> str:
+    """Effect of an option compared with the loop as it is, in a few words; of one that should rest, noise is named."""
     if not math.isfinite(changed.error):
         return "failed"
     ratio = changed.error / current.error if current.error else math.nan
     is_worse, is_better = ratio > WORSE, ratio < BETTER
     if current.hunts and changed.hunts:
-        return "still hunts, and worse" if is_worse else "still hunts, but less" if is_better else "still hunts"
+        start = NOISE_SWINGS_IT if has_noise and changed.hunting_index < UNSURE_HUNTING_INDEX[0] else "still hunts"
+        ratio = changed.swing / current.swing if current.swing else math.nan
+        size = ", but less" if ratio < BETTER else ", and more" if ratio > WORSE else ""
+        return f"{start}{size}{', at a larger error' * is_worse}"
     if current.hunts:
         return "cures it, at a larger error" if is_worse else "cures it"
     if changed.hunts:
@@ -313,9 +318,10 @@ def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice
         cures = with_simulated_gains(trial, cures)
         ds = try_cures(trial, cures)
     results = ds.assign(error=ds["rmse"].where(ds["status"] == STATUS_OK), hunts=ds["hunts"] > 0.0)
-    names = ("cure", "words", "error", "motor_travel", "hunts", "hunting_index", "chatters")
+    names = ("cure", "words", "error", "motor_travel", "hunts", "hunting_index", "chatters", "hunting_swing")
     options = [Option(*row) for row in zip(*(results[name].values.tolist() for name in names), strict=True)]
-    ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
+    has_noise = float(trial.loop["noise_std"]) > 0.0  # type: ignore[arg-type]
+    ds = ds.assign(verdict=("cure", [verdict(options[0], option, has_noise=has_noise) for option in options]))
     advice = advise(options, holds_set_point=not ds["share_off"][0] > LOST_SHARE, least_error=NOTICEABLE)
     decisive = list(dict.fromkeys([0, advice.best]))
     hunts = [options[k].hunts for k in decisive]

@@ -24,8 +24,8 @@ from fastcoil.base.text import (  # isort: skip
     align_columns, format_kelvin, format_percent, format_period, format_swing, format_two_digits,
 )  # fmt: skip
 from fastcoil.design.advice import (  # isort: skip
-    AS_IS, GAIN_CURES, LONGER_TI, LOST_SHARE, NO_INVERSE, REPAIRED_VALVE, UNSURE_HUNTING_INDEX, Advice, Trial,
-    find_cures,
+    AS_IS, GAIN_CURES, LONGER_TI, LOST_SHARE, NO_INVERSE, NOISE_SWINGS_IT, REPAIRED_VALVE, UNSURE_HUNTING_INDEX,
+    Advice, Trial, find_cures,
 )  # fmt: skip
 from fastcoil.design.prediction import (  # isort: skip
     PHASE_PARTS, Prediction, hunting_index_omissions, phase_shares, plant_in_words, predict_cycles_at,
@@ -76,7 +76,7 @@ def explain(
     >>> print(explanation.advice)
     Do this: SIMC: kp 0.034 1/K, ti 38 s: RMSE ...
     """
-    plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
+    plan_simulation(loop, boundary, warm_up=warm_up, seed=seed)
     with argument_checks() as check:
         if loop.sizes:
             dims = ", ".join(f"{dim} ({size})" for dim, size in loop.sizes.items())
@@ -171,7 +171,7 @@ class Explanation:
 
     @property
     def cures(self) -> xr.Dataset:
-        return self.simulated.drop_vars(["T_sup", "elapsed_time"])
+        return self.simulated.drop_vars([self.loop["controlled"], "elapsed_time"])
 
     @property
     def recommended(self) -> str:
@@ -242,7 +242,9 @@ class Explanation:
             determine = f"and the {stroke:g}-s stroke determine" if stroke else "determines"
             ends = f"  Any backlash triggers it; the {format_percent(backlash)} gap {determine} the size of the swing."
         elif self.hunts:
-            ends = "  It would swing even with a perfect valve."
+            repaired = str(self.cures["verdict"].sel(cure=REPAIRED_VALVE).values) if REPAIRED_VALVE in cures else ""
+            start = "Noise would swing it" if NOISE_SWINGS_IT in repaired else "It would swing"
+            ends = f"  {start} even with a perfect valve."
         return f"Why: {fault} ({index_text}).{ends}"
 
     @property
@@ -274,7 +276,7 @@ class Explanation:
         if prediction is not None:
             _draw_gains(above[0], self.simulated, prediction)
             middle = int(prediction.points.start[prediction.worst_point])
-        _draw_day(below, self.simulated, self.best_advice.best, self.boundary, middle)
+        _draw_day(below, self, middle)
         fig.suptitle(wrap_text(f"{self.answer}\n{self.why}", _WIDTH - 0.3, 9.0), x=0.01, ha="left", fontsize=9)
         return fig
 
@@ -313,8 +315,13 @@ class Explanation:
         results = self.simulated.sel(cure=cure)
         is_own, is_regular = bool(results["hunts"] > 0.0), bool(results["swing_regularity"] >= LEAST_REGULARITY)
         swing, period, alone = (float(results[n]) for n in ("hunting_swing", "hunting_period", "swing_alone"))
-        rings = bool(results["rings"] > 0.0)
-        return SwingVerdict(is_own, is_regular, swing, period, alone, moving_inputs(self.boundary), rings)
+        rings, prefix = bool(results["rings"] > 0.0), "supply air " * self._has_controlled_room
+        return SwingVerdict(is_own, is_regular, swing, period, alone, moving_inputs(self.boundary), rings, prefix)
+
+    @property
+    def _has_controlled_room(self) -> bool:
+        """Whether errors and predictions are those of a room, and swings of the day those of the supply air."""
+        return bool(self.loop["controlled"] == "T_room")
 
     @property
     def _has_failed(self) -> bool:
@@ -339,9 +346,12 @@ def _why_not_predicted(e: Explanation, prediction: Prediction, index_text: str, 
 def _cure_table(e: Explanation) -> list[str]:
     """A heading and a row for each cure, relative to the loop as it is."""
     ds = e.cures
-    columns = [ds[name].values for name in ("hunting_index", "rmse", "hunting_swing", "motor_travel")]
-    index, error, swing, travel = columns
-    rows: list[tuple[str, ...]] = [("", "hunting index", "RMSE", "swing", "motor travel", "")]
+    heads = {"hunting_index": "hunting index", "rmse": "RMSE", "hunting_swing": "swing", "motor_travel": "motor travel"}
+    if e._has_controlled_room:  # each number says of which temperature it is
+        heads |= {"rmse": "RMSE of room", "hunting_swing": "supply air", "settled_range": "room"}
+    columns = [ds[name].values for name in heads]
+    index, error, swing, travel, *room = columns
+    rows: list[tuple[str, ...]] = [("", *heads.values(), "")]
     for k, words in enumerate(ds["words"].values.tolist()):
         if k:
             change, verdict = f"{100 * (error[k] / error[0] - 1):+.0f} %", str(ds["verdict"].values[k])
@@ -349,10 +359,11 @@ def _cure_table(e: Explanation) -> list[str]:
         else:
             change, travel_text = f"{error[0]:.3g} K", f"{travel[0]:.3g} strokes"
             verdict = e.judge().clause.partition(":")[0]
-        cells = (f"{index[k]:.2f}", change, format_swing(swing[k]), travel_text)
+        cells = (f"{index[k]:.2f}", change, format_swing(swing[k]), travel_text, *(format_swing(T[k]) for T in room))
         shown = (cell if np.isfinite(column[k]) else "–" for cell, column in zip(cells, columns, strict=True))
         rows.append((words, *shown, verdict))
-    return ["Possible changes and their cost, each simulated on this day", *align_columns(rows, right=range(1, 5))]
+    title = "Possible changes and their cost, each simulated on this day"
+    return [title, *align_columns(rows, right=range(1, len(heads) + 1))]
 
 
 def _phase_lines(phase: xr.DataArray, plant_words: str) -> list[str]:
@@ -368,14 +379,14 @@ def _phase_lines(phase: xr.DataArray, plant_words: str) -> list[str]:
 def _agreement_line(e: Explanation, points: xr.Dataset) -> str:
     """Prediction and simulation compared."""
     hunting = points.isel(point=points["hunts"].values > 0.0)
-    swings, cycle = 2.0 * hunting["amplitude"].values, "no cycle"
+    swings, cycle, room = 2.0 * hunting["amplitude"].values, "no cycle", "the room " * e._has_controlled_room
     if np.isfinite(swings).any():
         k = int(np.nanargmax(swings))
-        cycle = f"up to {format_swing(swings[k])} every {format_period(float(hunting['period'][k]))}"
+        cycle = f"{room}up to {format_swing(swings[k])} every {format_period(float(hunting['period'][k]))}"
     elif swings.size:
         cycle = "a cycle whose size theory does not give"
     extremes = format_swing(float(e.simulated["settled_range"][0]))
-    simulated = "failed" if e._has_failed else f"it {e.judge().clause}, at most {extremes}"
+    simulated = "failed" if e._has_failed else f"it {e.judge().clause}, {room}at most {extremes}"
     line = f"Predicted: {cycle}; simulated: {simulated}."
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 
@@ -431,18 +442,18 @@ def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
     axes.legend(loc="lower right", fontsize=7)
 
 
-def _draw_day(axes: Axes, cures: xr.Dataset, best: int, boundary: Boundary, middle: int) -> None:
-    """Draw 90 min around the second ``middle``, as it is and with the recommended cure."""
-    elapsed = cures["elapsed_time"].values
-    start = max(0, min(middle - 600, boundary.n_steps - 5400))
-    is_drawn = (elapsed >= start) & (elapsed < start + 5400)
-    hours = elapsed[is_drawn] / 3600.0
-    axes.plot(hours, cures["T_sup"][0][is_drawn], color=RED, lw=1.0, label="as it is")
+def _draw_day(axes: Axes, e: Explanation, middle: int) -> None:
+    """Draw the controlled temperature around the second ``middle``, as it is and with the recommended cure."""
+    cures, best, boundary, is_room = e.simulated, e.best_advice.best, e.boundary, e._has_controlled_room
+    start = max(0, min(middle - 600, boundary.n_steps - (seconds := 6 * 3600 if is_room else 5400)))
+    drawn = cures["T_room" if is_room else "T_sup"].sel(elapsed_time=slice(start, start + seconds - 1))
+    hours, T = drawn["elapsed_time"].values / 3600.0, drawn.values
+    axes.plot(hours, T[0], color=RED, lw=1.0, label="as it is")
     if best:
-        axes.plot(hours, cures["T_sup"][best][is_drawn], color=BLUE, lw=1.2, label=str(cures["words"].values[best]))
-    T_set = boundary.series["T_set"][0][elapsed[is_drawn].astype(int)]
+        axes.plot(hours, T[best], color=BLUE, lw=1.2, label=str(cures["words"].values[best]))
+    T_set = boundary.series["T_set"][0][drawn["elapsed_time"].values.astype(int)]
     axes.plot(hours, T_set, color="black", lw=0.9, ls="--", label="set-point")
-    axes.set(xlabel="time from the start [h]", ylabel="supply air [°C]")
+    axes.set(xlabel="time from the start [h]", ylabel="room [°C]" if is_room else "supply air [°C]")
     axes.margins(x=0.0)
     axes.set_title("Simulated", loc="left")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)

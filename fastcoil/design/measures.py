@@ -12,6 +12,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem, short_repr
 from fastcoil.loops.labels import quantity
 from fastcoil.model.metric_table import METRICS
+from fastcoil.model.parameter_table import LARGEST_FLOAT
 
 MEAN = "mean"
 NOW = "now"
@@ -113,7 +114,9 @@ def parse_limits(limits: object, quantile: object) -> list[Limit]:
             else:  # a mistake in the quantile of the objective is reported there
                 share = float(arguments.to_builtin(share)) if arguments.is_number(share) else None
             as_now = isinstance(arguments.to_builtin(most), str) and arguments.to_builtin(most) == NOW
-            most = math.inf if as_now else check(arguments.require_number, f"limits: {metric}", most, cure)
+            is_share = metric in METRICS and quantity(metric).factor == 100.0  # shown in per cent
+            words, high = (f"{cure}; a share is at most 1: 5 % is 0.05", 1.0) if is_share else (cure, LARGEST_FLOAT)
+            most = math.inf if as_now else check(arguments.require_number, f"limits: {metric}", most, words, most=high)
             parsed.append(Limit(Measure(metric, share), most, as_now))
         check.problems = [Problem(p, p.field.rpartition(" ")[2], p.code) for p in InputError(check.problems).problems]
     return parsed

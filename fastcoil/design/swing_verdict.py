@@ -36,6 +36,7 @@ class SwingVerdict(NamedTuple):
     swing_alone: float = math.nan  # the same with air, water and set-point constant, NaN if unknown
     movers: tuple[str, ...] = ()  # what moves on the day, such as "the air flow"
     rings: bool = False  # whether a swing that the loop does not sustain is larger than air, water, set-point explain
+    prefix: str = ""  # of a size: "supply air " where the room is controlled
 
     @property
     def size(self) -> str:
@@ -48,8 +49,8 @@ class SwingVerdict(NamedTuple):
         if not self.is_own:
             return "does not hunt"
         if self.is_regular:
-            return f"hunts: {self.size}"
-        return f"keeps swinging, irregularly: about {format_swing(self.swing)}"
+            return f"hunts: {self.prefix}{self.size}"
+        return f"keeps swinging, irregularly: {self.prefix}about {format_swing(self.swing)}"
 
     @property
     def reason(self) -> str:

@@ -14,6 +14,7 @@ import xarray as xr
 from fastcoil.base import arguments
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, Problem, short_repr
+from fastcoil.base.text import format_count
 from fastcoil.design.describing_function import unpredictable_loops
 from fastcoil.design.limit_cycle import predict_cycles
 from fastcoil.design.linearise import first_order, simc
@@ -208,8 +209,7 @@ class Group(NamedTuple):
 
     @property
     def words(self) -> str:
-        valves, days = len(self.members), self.boundary.n_days
-        return f"{valves:,} valve{'s' * (valves > 1)} × {days:,} day{'s' * (days > 1)}"
+        return f"{format_count(len(self.members), 'valve')} × {format_count(self.boundary.n_days, 'day')}"
 
 
 def draw_held_out(backlash: Array, seed: int) -> Index:
@@ -249,8 +249,8 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
         raise InputError(f"holdout = {short_repr(holdout)}: {cure}", "holdout", "name")
     held_out = np.array(sorted({days.index(label) for label in labels}))
     if held_out.size == n:
-        sentence = f"boundary has {n} days, all held out: give several, or others with holdout=…"
-        raise InputError(sentence, "holdout", "missing")
+        sentence = f"boundary has {format_count(n, 'day')}, all held out: give several, or other days as holdout"
+        raise InputError(f"{sentence}, in a study as a table like [boundary]", "holdout", "missing")
     return boundary.isel(day=np.setdiff1d(np.arange(n), held_out)), boundary.isel(day=held_out)
 
 

@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED_LINE, LINE_GREY, RED, YELLOW, apply_style, wrap_text
 from fastcoil.base.results import Result, toml_document, toml_table
-from fastcoil.base.text import align_columns, format_share
+from fastcoil.base.text import align_columns, format_count, format_share
 from fastcoil.design.advice import Option, advise
 from fastcoil.design.measures import CHANGE, HUNTS, SHARE_THAT_HUNTS, Limit, Measure
 from fastcoil.design.tuning_plan import HELD_OUT_ONE_IN, TuningRequest
@@ -89,10 +89,11 @@ def collect_notes(
     needed = max([20, *(math.ceil(3.0 / (1.0 - q) - 1e-9) for q in quantiles if q)])
     if training.members == holdout.members:
         doubt = "so none is held out, only days: results on other valves are unknown"
-        notes.append(f"The population has {n} valve{'s' * (n > 1)}, {doubt}.")
+        notes.append(f"The population has {format_count(n, 'valve')}, {doubt}.")
     elif n < needed:
         n_drawn = HELD_OUT_ONE_IN * needed
-        notes.append(f"{n} valves held out are few for these quantiles: draw {n_drawn} or more in all.")
+        valves = "One valve held out is" if n == 1 else f"{n} valves held out are"
+        notes.append(f"{valves} few for these quantiles: draw {n_drawn} or more in all.")
     if holdout.boundary.n_days == 1:
         doubt = "the intervals hold no scatter between days: give more with holdout"
         notes.append(f"The hold-out has a single day, so that {doubt}.")

@@ -44,7 +44,8 @@ def check_value(parameter: parameter_table.Parameter, value: Any) -> parameter_t
         return _check_array(parameter, array)
     value = arguments.to_builtin(value if array is None else array.values)
     if problem := parameter.problem(value):
-        raise InputError(problem)
+        own = ', or in a study your own: "module:function"' if name in RULE_KINDS else ""
+        raise InputError(problem + own, name, problem.code)
     return value if parameter.is_word else int(value) if name in parameter_table.INTEGER_PARAMETERS else float(value)
 
 
@@ -240,7 +241,8 @@ def assign_values(values: Values, known_rules: Rules, changes: Values) -> tuple[
     for stand_ins, replaced in _EXCLUSIVE.items():
         given_stand_ins, given_replaced = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if given_stand_ins and given_replaced:
-            both = f"{' and '.join(given_stand_ins)} stand in for {' and '.join(given_replaced)}"
+            verb = "stands" if len(given_stand_ins) == 1 else "stand"
+            both = f"{' and '.join(given_stand_ins)} {verb} in for {' and '.join(given_replaced)}"
             problems.append(Problem(f"{both}: give one or the other", given_stand_ins[0], "conflict"))
     arguments.raise_problems(problems)
 

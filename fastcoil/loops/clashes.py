@@ -15,7 +15,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, Problem
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, used_choices
-from fastcoil.loops.presets import COOLING_PRESETS
+from fastcoil.loops.presets import COOLING_PRESETS, PRESETS
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
 from fastcoil.model.engine.coil import stability_numbers
@@ -276,9 +276,11 @@ def _mismatches(loop: Loop, boundary: Boundary) -> Iterator[str]:
         ends = (sorted(sign * end for end in boundary.extremes[name]) for name in ("T_w_in", "T_a_in", "T_set"))
         (_, water), (least_air, air), (T_set, highest_set_point) = ends
         if water < least_air:
+            suiting = (preset for preset in PRESETS.values() if preset.heats == (action == "heating"))
+            best = min(suiting, key=lambda p: p.has_room != ("T_room" in used_choices(loop, "controlled")))
             yield (
                 f"action = {action!r}, but the water, {sign * water:.3g} degC at best, cannot {verb} air of "
-                f"{sign * least_air:.3g} degC: give action = {opposite_action!r}, or days of {action}"
+                f"{sign * least_air:.3g} degC: give action = {opposite_action!r}, or days such as {best.day_text}"
             )
         elif max(water, air) < T_set:
             yield (

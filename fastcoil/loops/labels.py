@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.text import format_count
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
@@ -95,10 +96,8 @@ def coordinate_quantity(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
 
 def sizes_in_words(sizes: Mapping[Any, int]) -> str:
     """Format the sizes of a result: ``2 days × 15 values of backlash``."""
-    return " × ".join(
-        f"{n:,} {dim}{'s' * (n != 1)}" if dim in RESERVED_DIMS else f"{n:,} value{'s' * (n != 1)} of {dim}"
-        for dim, n in sizes.items()
-    )
+    words = {d: format_count(n, str(d) if d in RESERVED_DIMS else "value") for d, n in sizes.items()}
+    return " × ".join(text if d in RESERVED_DIMS else f"{text} of {d}" for d, text in words.items())
 
 
 def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:

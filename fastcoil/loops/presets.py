@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,12 @@ NOT_THE_PAPER_FIT = "None of them is the fit of the paper, which was not publish
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named loop: the ``values`` that differ from the defaults, ``T_w_in``, degC, of the water of its coil."""
+    """A named loop: the ``values`` that differ from the defaults, ``day``, as in ``[boundary]``, of a day for it."""
 
     name: str
     text: str
     values: Mapping[str, Scalar]
-    T_w_in: float = 7.0
+    day: Mapping[str, Any] = field(default_factory=lambda: {"kind": "paper_day"})
 
     @property
     def heats(self) -> bool:
@@ -29,6 +29,12 @@ class Preset:
     def has_room(self) -> bool:
         """Whether a room is behind the coil."""
         return "room_capacity" in self.values
+
+    @property
+    def day_text(self) -> str:
+        """Return its day as a call, such as ``heating_day(T_w_in=60)``."""
+        values = ", ".join(f"{name}={value:g}" for name, value in self.day.items() if name != "kind")
+        return f"{self.day['kind']}({values})"
 
     def value(self, parameter: Parameter) -> Scalar | None:
         """Return its value of a parameter; None if others replace it."""

@@ -1,7 +1,7 @@
 """Look at a study's folder: its progress, whether it is sound, one scenario in full or by its labels."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,6 @@ from fastcoil.base.files import is_file, is_folder, portable_file_name
 from fastcoil.base.machine import command_line
 from fastcoil.base.text import parse_number_or_word
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
@@ -30,8 +29,8 @@ from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import hash_user_code
 from fastcoil.study.analysis.precision import read_precision
 from fastcoil.study.analysis.selected import list_first, select_labels
-from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.user_code import UserCode, load_code, load_function
+from fastcoil.study.file.spec import build_boundary, read_study
+from fastcoil.study.file.user_code import Prepare, UserCode, load_code, load_function
 from fastcoil.study.folder.folder import StudyFolder, find_holder, find_running_slices, hold_folder
 from fastcoil.study.folder.results import find_folder_problems, open_metrics
 from fastcoil.study.folder.state import is_result_of
@@ -71,7 +70,7 @@ def status(folder: Path) -> list[str]:
             due = [f"{k}/{n}" for k in range(1, n + 1) if missing[JobSlice(k, n).index(plan)].any()]
             due = [name for name in due if name not in held]
             running.append(f"Of {n} shares {len(due)} are to be run{': ' * bool(due)}{list_first(due)}.")
-    resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
+    resume = f"To resume: {command_line(['fastcoil', 'run', store.find_source(), '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
 
@@ -81,9 +80,7 @@ def verify(folder: Path) -> list[str]:
     return store.read_consistently(lambda: find_folder_problems(store))
 
 
-def rerun(
-    folder: Path, at: Mapping[str, str], prepare: Callable[[str, UserCode], object] = load_function
-) -> tuple[Path, list[str]]:
+def rerun(folder: Path, at: Mapping[str, str], prepare: Prepare = load_function) -> tuple[Path, list[str]]:
     """Run one scenario of a study again, with all traces at every second; return the file, and the outcome in lines.
 
     at: dimension → label, for every dimension with more than one.  prepare: loads user-defined rules; a reduction is
@@ -128,9 +125,8 @@ def _locate_scenario(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[s
     ds = xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates())
     selection = select_labels(ds, {dim: [text] for dim, text in at.items()})
     labels = {str(dim): list_first(selection[dim].values) for dim, n in selection["status"].sizes.items() if n > 1}
-    raise_problems([
-        Problem(f"--at: {dim} is missing, choose one of {known}", "--at", "missing") for dim, known in labels.items()
-    ])  # fmt: skip
+    missing = [f"--at: {dim} is missing, choose one of {known}" for dim, known in labels.items()]
+    raise_problems([Problem(sentence, "--at", "missing") for sentence in missing])
     selection = selection.squeeze()
     index = int(selection["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
@@ -167,14 +163,16 @@ class Scenario(NamedTuple):
     seed: int
 
 
-def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
+def pick_scenario(
+    target: Path, at: Mapping[str, str], changes: Mapping[str, str], prepare: Prepare = load_function
+) -> Scenario:
     """Pick one scenario of a preset, a study or its results.
 
-    target: a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; a study file; or the folder of a study.
+    target: a preset, on the day that suits it; a study file; or the folder of a study.
     at: dimension → label, for every dimension with more than one.  changes: parameter → value, as text, for the whole
-    study, so that a dimension whose only parameter is changed needs no label.
+    study, so that a dimension whose only parameter is changed needs no label.  Only rules of the scenario are prepared.
     """
-    title, plan = _load_target(target)
+    title, plan, sources = _load_target(target)
     loop, boundary = plan.layout.loop, plan.layout.boundary
     problems: list[str] = []
     with collect_problems(problems, "--set "):
@@ -192,25 +190,21 @@ def pick_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str
     unread = [name for name in unread_values(loop) if name not in changes] if layout.loop.sizes else []
     defaults: dict[str, Any] = {name: PARAMETERS[name].default for name in unread}
     loop = loop.assign(**defaults)
-    rules = [name for name, rule in Layout(loop, boundary).loop.rules.items() if not rule.is_loaded]
-    if rules:
-        sentence = f"{target}: the scenario uses {' and '.join(rules)}, code of the study's own, which is not run here"
-        cure = "pick another scenario with --at, or use fc.explain in Python"
-        raise InputError(f"{sentence}: {cure}", "--at", "unsupported")
+    load_code(Layout(loop, boundary).loop.rules, sources, prepare)
     day_note = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
     changes_text = ", ".join(f"{name}={text}" for name, text in changes.items())
     full_title = "; ".join(filter(None, [title, ", ".join(labels), changes_text, day_note]))
     return Scenario(full_title, loop, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
 
 
-def _load_target(target: Path) -> tuple[str, Plan]:
-    """Return title and plan of the study or preset."""
+def _load_target(target: Path) -> tuple[str, Plan, Mapping[str, UserCode]]:
+    """Return title, plan and sources of user-defined rules of the study or preset."""
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
-        day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
-        day_name = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
-        return f"{name} on {day_name}", plan_simulation(Loop.preset(name), day)
+        options: dict[str, Any] = {"warm_up": 4 * 3600} if preset.has_room else {}  # rooms settle in hours
+        plan = plan_simulation(Loop.preset(name), build_boundary(preset.day, Path()), **options)
+        return f"{name} on {preset.day_text}", plan, {}
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
@@ -220,4 +214,4 @@ def _load_target(target: Path) -> tuple[str, Plan]:
         sentence = f"{target}: no such file, folder or preset{did_you_mean(name, PRESETS)}"
         cure = f"give a study file, the folder of its results, or one of {', '.join(PRESETS)}"
         raise InputError(f"{sentence}; {cure}", name, "path")
-    return study.title, study.plan
+    return study.title, study.plan, study.rules

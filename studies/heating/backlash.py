@@ -104,7 +104,7 @@ def tune_gains(preset: str, evaluations: int = EVALUATIONS) -> dict[str, float]:
 
 def _join_kinds(preset: str, seeds: Sequence[int]) -> fc.Boundary:
     """Join the days of all kinds in one boundary."""
-    by_kind = days_by_kind(fc.presets()[preset].T_w_in, seeds)
+    by_kind = days_by_kind(fc.presets()[preset].day["T_w_in"], seeds)
     names = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
     series = {n: np.concatenate([day.series[n] for day in by_kind.values()]) for n in names}
     return fc.Boundary(**series, day=[seed + 100_000 * k for k in range(len(by_kind)) for seed in seeds])
@@ -113,7 +113,7 @@ def _join_kinds(preset: str, seeds: Sequence[int]) -> fc.Boundary:
 def run_remedies(preset: str, gains: Mapping[str, float], seeds: Sequence[int] = DAYS) -> dict[str, xr.Dataset]:
     """Run every remedy on every kind of day; gains: those of the tuned PI."""
     loop, by_kind, remedies = valves(preset), {}, REMEDIES | {TUNED_PI: dict(gains)}
-    for kind, boundary in days_by_kind(fc.presets()[preset].T_w_in, seeds).items():
+    for kind, boundary in days_by_kind(fc.presets()[preset].day["T_w_in"], seeds).items():
         datasets = {name: fc.simulate(loop.assign(**parameters), boundary) for name, parameters in remedies.items()}
         ds = concat_along(
             "remedy", {name: metrics[list(KEPT_METRICS)].reset_coords(drop=True) for name, metrics in datasets.items()}

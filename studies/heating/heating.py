@@ -29,7 +29,7 @@ SECONDS_BEFORE, SECONDS_AFTER = 600, 2400
 def _draw_rest(panel: Axes) -> None:
     """Draw the supply air over the opening at the design load, and the presets' design points."""
     for name, colour in COLOURS.items():
-        loop, water = fc.Loop.preset(name).assign(backlash=0.0), fc.presets()[name].T_w_in
+        loop, water = fc.Loop.preset(name).assign(backlash=0.0), fc.presets()[name].day["T_w_in"]
         set_points = np.linspace(9.0, 30.2, 60)
         day = fc.Boundary(
             m_a=1.15,
@@ -190,16 +190,17 @@ def sizing_rows() -> list[list[str]]:
     rows = []
     for name in PRESETS:
         preset, loop = fc.presets()[name], good_valve_loop(name)
-        day = fc.design_day(0.5, "heating", T_w_in=preset.T_w_in)
+        day = fc.design_day(0.5, "heating", T_w_in=preset.day["T_w_in"])
         steady = fc.linearise(loop, day, at=0)
-        fully_open = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.T_w_in, T_set=80.0), at=0)
+        fully_open = fc.linearise(loop, fc.design_day(0.5, "heating", T_w_in=preset.day["T_w_in"], T_set=80.0), at=0)
         air = {n: float(v[0, 0]) for n, v in day.series.items()}
         heat = air["m_a"] * float(loop["cp_a"]) * (25.0 - air["T_a_in"])  # type: ignore[arg-type]
         m_w = float(steady.m_w)
-        T_w_out = preset.T_w_in - heat / (m_w * float(loop["cp_w"]))  # type: ignore[arg-type]
+        T_w_out = preset.day["T_w_in"] - heat / (m_w * float(loop["cp_w"]))  # type: ignore[arg-type]
         rows.append(
-            [f"`{name}`", f"{preset.T_w_in:g}", f"{air['T_a_in']:.1f}", f"{heat:.1f}", f"{float(steady.opening):.0%}",
-             f"{m_w:.2f}", f"{T_w_out:.0f}", f"{float(fully_open.T_sup):.1f}", f"{float(steady.gain):.0f}"]
+            [f"`{name}`", f"{preset.day['T_w_in']:g}", f"{air['T_a_in']:.1f}", f"{heat:.1f}",
+             f"{float(steady.opening):.0%}", f"{m_w:.2f}", f"{T_w_out:.0f}",
+             f"{float(fully_open.T_sup):.1f}", f"{float(steady.gain):.0f}"]
         )  # fmt: skip
     return rows
 

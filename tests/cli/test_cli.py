@@ -93,3 +93,8 @@ def test_the_step_test_is_printed_without_a_target():
     result = fastcoil("explain", "--step-test")
     assert result.exit_code == 0
     assert "Ti of at least (kp K)^0.7 (T + 2 theta) / 4" in result.output
+
+
+@pytest.mark.parametrize("command", ["export", "run"])
+def test_a_preset_in_place_of_a_study_file_is_refused_with_the_file_to_write(command):
+    assert_command_refused(command, "lbnl")

@@ -72,6 +72,13 @@ def test_a_preset_that_heats_runs_on_a_heating_day_with_its_water():
     assert scenario.boundary.sha256 == fc.heating_day(T_w_in=45.0).sha256
 
 
+def test_the_preset_of_a_room_runs_on_the_winter_day_of_its_air_flow():
+    scenario = pick_scenario("reheat", {}, {})
+    assert scenario.title == "reheat on constant_day(hours=24, T_a_in=13, T_w_in=60, T_set=21, m_a=0.1)"
+    ds = fc.simulate(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, n_jobs=1)
+    assert ds.rmse < 0.1
+
+
 def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
     assert_command_refused("explain", study, "--at", "backlash=0.05", "--at", "day=9,estimate_ratio=0")
     assert_command_refused("explain", study, "--at", "day=1")

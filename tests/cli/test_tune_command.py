@@ -8,7 +8,7 @@ from helpers.sentences import assert_worded
 
 import fastcoil as fc
 from fastcoil.design import tune as module
-from fastcoil.study.file.spec import read_study
+from fastcoil.study.file.spec import read_study, read_tuning
 
 STUDY = """
 title = "Tune me"
@@ -32,6 +32,9 @@ evaluations = 24
 """
 
 
+AT = ["--at", "sample=0,day=1"]
+
+
 @pytest.fixture
 def study(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -42,7 +45,7 @@ def study(tmp_path, monkeypatch):
 
 def read(path, table):
     path.write_text(STUDY + table)
-    return read_study(path)
+    return read_tuning(path)
 
 
 @pytest.mark.kernel
@@ -62,6 +65,27 @@ def test_it_writes_what_fc_tune_finds_and_a_file_to_include(study, tmp_path):
     including = tmp_path / "next.toml"
     including.write_text('[loop]\ninclude = ["results/mine/tuning.toml"]\n')
     assert read_study(including).plan.layout.loop["kp"] == tuning.parameters["kp"]
+
+
+@pytest.mark.kernel
+@pytest.mark.usefixtures("blank_figures")
+def test_settings_that_the_advice_leaves_are_not_offered_to_a_study(study):
+    study.write_text(STUDY + "[tune]\nsearch = { kp = [0.5, 2.0] }\nlimits = { rmse = 0.001 }\nevaluations = 8\n")
+    result = fastcoil("tune", study, "-o", "out", "-j", 1)
+    assert result.exit_code == 0, result.output
+    assert "Leave it: " in result.output
+    line = next(line for line in result.output.splitlines() if line.startswith("Written:"))
+    assert line == "Written: out/tuning.toml (the advice is to leave the settings as they are; it has no parameter)"
+
+
+@pytest.mark.kernel
+def test_plan_run_and_explain_leave_the_contents_of_the_table_to_tune(study):
+    study.write_text(STUDY + "[tune]\nsearch = { backlash = [0.0, 0.1] }\nlimit = 3\n")
+    for command in (["plan", study], ["run", study, "-j", 1, "--no-figures"], ["explain", study, *AT]):
+        assert fastcoil(*command).exit_code == 0
+    assert fastcoil("tune", study).exit_code == 2
+    study.write_text("tune = 3\n" + STUDY)
+    assert fastcoil("plan", study).exit_code == 2
 
 
 @pytest.mark.kernel
@@ -85,9 +109,9 @@ def test_a_study_without_the_table_is_refused_with_an_example(study):
 
 def test_days_to_try_it_on_are_labels_or_a_boundary(study):
     table = "[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = "
-    request = read(study, table + "[1]").tuning
+    request = read(study, table + "[1]")
     assert (request.training.boundary.day.tolist(), request.holdout.boundary.day.tolist()) == ([2], [1])
-    request = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }').tuning
+    request = read(study, table + '{ kind = "paper_day", hours = 0.1, seed = [7, 8] }')
     assert request.holdout.boundary == fc.paper_day(hours=0.1, seed=[7, 8])
 
 
@@ -108,6 +132,6 @@ def test_days_to_try_it_on_are_labels_or_a_boundary(study):
 def test_mistakes_in_the_table_name_it(study, table):
     study.write_text(f"{STUDY}[tune]\n{table}")
     with pytest.raises(fc.InputError) as raised:
-        read_study(study)
+        read_tuning(study)
     assert all("[tune]" in problem for problem in raised.value.problems)
     assert_worded(*raised.value.problems)

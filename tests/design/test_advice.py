@@ -27,8 +27,8 @@ FAST = fc.Loop.preset("lbnl").assign(kp=0.03, ti=10.0)
 COARSE = {"command_resolution": 0.001, "sensor_resolution": 0.05, "neutral_zone": 0.01}
 
 
-def option(name, error, hunts=False, index=0.4):
-    return Option(name, f"words of {name}", error, 10.0 * error, hunts, index)
+def option(name, error, hunts=False, index=0.4, swing=0.9):
+    return Option(name, f"words of {name}", error, 10.0 * error, hunts, index, swing=swing)
 
 
 HUNTING, QUIET = option(AS_IS, 0.4, hunts=True, index=2.0), option(AS_IS, 0.4)
@@ -40,9 +40,12 @@ CHATTERING = QUIET._replace(chatters=True)
     [
         (HUNTING, option("simc", 0.3), "cures it"),
         (HUNTING, option("simc", 0.5), "cures it, at a larger error"),
-        (HUNTING, option("simc", 0.4, hunts=True), "still hunts"),
-        (HUNTING, option("simc", 0.3, hunts=True), "still hunts, but less"),
-        (HUNTING, option("simc", 0.6, hunts=True), "still hunts, and worse"),
+        (HUNTING, option("simc", 0.4, hunts=True, index=0.9), "still hunts"),
+        (HUNTING, option("simc", 0.3, hunts=True, index=0.9), "still hunts"),
+        (HUNTING, option("simc", 0.4, hunts=True, index=0.9, swing=0.4), "still hunts, but less"),
+        (HUNTING, option("simc", 0.3, hunts=True, index=0.9, swing=1.8), "still hunts, and more"),
+        (HUNTING, option("simc", 0.6, hunts=True, index=0.9, swing=0.4), "still hunts, but less, at a larger error"),
+        (HUNTING, option("simc", 0.3, hunts=True, index=0.1, swing=0.4), "noise still swings it, but less"),
         (QUIET, option("simc", 0.41), "no gain"),
         (QUIET, option("simc", 0.3), "better"),
         (QUIET, option("simc", 0.5), "worse"),
@@ -51,7 +54,7 @@ CHATTERING = QUIET._replace(chatters=True)
     ],
 )
 def test_what_is_said_of_a_cure(now, then, words):
-    assert verdict(now, then) == words
+    assert verdict(now, then, has_noise=True) == words
 
 
 @pytest.mark.parametrize(

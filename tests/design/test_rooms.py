@@ -52,6 +52,25 @@ def test_explain_names_the_room():
     assert "  coil and room " in text
 
 
+def test_explain_says_which_numbers_are_of_the_room_and_draws_it():
+    loop = fc.Loop.preset("reheat").assign(kp=0.3, ti=300.0, backlash=0.1, noise_std=0.02)
+    explanation = fc.explain(loop, fc.constant_day(hours=12, **WINTER), warm_up=7200)
+    lines, cures = str(explanation).splitlines(), explanation.cures
+    assert ": supply air " in lines[0]
+    assert lines[2].startswith("Predicted: the room up to ± ")
+    assert ", the room at most ± " in lines[2]
+    heads = next(line for line in lines if "hunting index  RMSE" in line)
+    assert "  RMSE of room  supply air  motor travel  " in heads
+    still = cures["hunts"] > 0.0
+    is_less = cures["hunting_swing"] < 0.95 * cures["hunting_swing"][0]
+    for words, less in zip(cures["verdict"].values[still], is_less.values[still], strict=True):
+        assert ("but less" in words) == less
+    assert str(cures["verdict"].sel(cure="repaired_valve").values) == "noise still swings it, but less"
+    day = explanation.plot().axes[-1]
+    assert day.get_ylabel() == "room [°C]"
+    assert all(np.abs(line.get_ydata() - 21.0).max() < 2.0 for line in day.lines)
+
+
 def test_errors_are_those_of_the_room_and_swings_those_of_the_supply_air():
     day = fc.constant_day(hours=8, **WINTER)
     loop = fc.Loop.preset("reheat").assign(kp=0.3, ti=300.0, backlash=0.07)

@@ -115,6 +115,7 @@ FREE_COOLING = fc.constant_day(DAY_HOURS, T_a_in=8.0, T_w_in=np.linspace(7.0, 9.
 
 MISTAKES = {
     "a heating coil on a day of cooling": (fc.Loop.preset("heating"), COOLING_DAY),
+    "a room on a day of cooling": (fc.Loop.preset("reheat"), COOLING_DAY),
     "a cooling coil on a day of heating": (fc.Loop.preset("lbnl"), HEATING_DAY),
     "gains of a cooling coil": (fc.Loop(action="heating"), HEATING_DAY),
     "water too cold": (fc.Loop.preset("heating"), fc.heating_day(DAY_HOURS, T_w_in=20.0)),

@@ -20,7 +20,11 @@ def test_status_suggests_a_command_that_takes_the_folder_for_one_word(tmp_path):
     out = tmp_path / "my study; and 'more'"
     run_until_interrupted(PLAIN_STUDY, out, 1)
     command = maintenance.status(out)[-1].removeprefix("To resume: ")
-    assert shlex.split(command) == ["fastcoil", "run", "STUDY.toml", "-o", str(out)]
+    assert shlex.split(command) == ["fastcoil", "run", str(tmp_path / "study.toml"), "-o", str(out)]
+    (tmp_path / "study.toml").rename(tmp_path / "renamed study.toml")
+    assert shlex.split(maintenance.status(out)[-1])[4] == str(tmp_path / "renamed study.toml")
+    (tmp_path / "renamed study.toml").write_text("edited")
+    assert shlex.split(maintenance.status(out)[-1])[4] == "STUDY.toml"
 
 
 def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(tmp_path, monkeypatch):

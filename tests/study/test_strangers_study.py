@@ -12,7 +12,6 @@ from fastcoil.base.errors import InputError
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.file.user_code import load_function
 from fastcoil.study.folder.stored import Manifest
-from fastcoil.study.maintenance import pick_scenario
 from fastcoil.study.run import execute
 
 pytestmark = pytest.mark.kernel
@@ -104,17 +103,23 @@ class Memory(NamedTuple):
     last: float = 0.0
 @fc.law(Parameters=Parameters, Memory=Memory)
 def rule(now, p, memory):
-    return p.kp * now.error, memory
+    return p.kp * now.e, memory
 """
 
 
-def test_a_scenario_with_the_studys_own_law_is_refused_and_another_is_explained(with_code, trace):
+def test_explain_says_whose_law_it_runs_and_runs_none_for_another_scenario(with_code, trace, tmp_path):
     path = with_code(
         PLAIN_STUDY.replace("[sweep]", '[cases.controller]\nown = { law = "mine:rule" }\npi = { law = "pi" }\n[sweep]'),
         LAW,
     )
-    at = {"backlash": "0.02", "estimate_ratio": "0.9", "day": "1"}
-    with refuses(("--at", "unsupported")):
-        pick_scenario(path, at | {"controller": "own"}, {})
-    assert pick_scenario(path, at | {"controller": "pi"}, {}).loop["law"] == "pi"
-    assert not trace.exists()
+    fc.run_study(path, tmp_path / "out", n_jobs=1).close()
+    trace.unlink()
+    at = ["--at", "backlash=0.02,estimate_ratio=0.9,day=1"]
+    for target in (path, tmp_path / "out"):
+        assert fastcoil("explain", target, *at, "--at", "controller=pi").stderr == ""
+        assert not trace.exists()
+        load_function.cache_clear()
+        explained = fastcoil("explain", target, *at, "--at", "controller=own")
+        assert explained.exit_code == 0, explained.output
+        assert explained.stderr == f"This study runs its own code: rule from {tmp_path / 'mine.py'}.\n"
+        trace.unlink()

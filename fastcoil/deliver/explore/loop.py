@@ -54,7 +54,7 @@ def start_loops(study_scenario: Scenario | None = None) -> dict[str, Start]:
             loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
         loops[STUDY_LOOP_NAME] = Start(title, loop, day, warm_up=warm_up, seed=seed)
     return loops | {
-        name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in)
+        name: Start(name, Loop.preset(name), T_w_in=preset.day.get("T_w_in", 7.0))
         for name, preset in PRESETS.items()
         if not preset.has_room
     }
@@ -337,8 +337,7 @@ class Model:
         return build_scene(settings, self.starts[settings.loop])
 
     def _run_with_test(self, settings: Settings) -> Run:
-        scene = self._scene_for(settings)
-        return simulate_scene(scene, build_valve_test(settings, scene))
+        return simulate_scene(scene := self._scene_for(settings), build_valve_test(settings, scene))
 
     def run(self, settings: Settings) -> Run:
         return self._run(loop_settings(settings))

@@ -292,7 +292,10 @@ def pooled_in_words(values: xr.DataArray, drawn: Sequence[str | None], marks: Se
     if not sizes:
         return f"{median}: a single scenario"
     labels = {d: values[d].attrs["pooled_as"] for d in sizes if d in values.coords and "pooled_as" in values[d].attrs}
-    over = " × ".join(labels.get(d) or sizes_in_words({d: n}) for d, n in sizes.items())
+    has_run = values != STATUS_NOT_RUN if values.name == "status" else values.notnull()
+    n_run = {d: int(has_run.any([dim for dim in values.dims if dim != d]).sum()) for d in sizes}
+    parts = {d: f"{n_run[d]:,} of " * (n_run[d] < n) + sizes_in_words({d: n}) for d, n in sizes.items()}
+    over = " × ".join(labels.get(d) or part for d, part in parts.items())
     has_band = math.prod(sizes.values()) >= _LEAST_BAND_MEMBERS
     words = f"; {band}: 10th to 90th percentile" if has_band else f"; {member}: each of these"
     return f"{median}: median of {over}{words if band else ''}"
@@ -310,4 +313,4 @@ def failed_in_words(ds: xr.Dataset) -> str:
     n, n_not_run = int(np.isfinite(status).sum()), int((status == STATUS_NOT_RUN).sum())
     n_failed = n - n_not_run - int((status == STATUS_OK).sum())
     counts = [f"{k:,} that {why}" for k, why in ((n_failed, "failed"), (n_not_run, "are not run yet")) if k]
-    return f"; without {' and '.join(counts)} of {n:,} scenarios" if counts else ""
+    return f"; without {' and '.join(counts)} of the {n:,} scenarios drawn" if counts else ""

@@ -21,7 +21,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.figures import encode_figure
 from fastcoil.base.files import exists, has_mark, require_output_file, write_atomically
 from fastcoil.base.machine import VERSION
-from fastcoil.base.text import MINUS_SIGN, MISSING_VALUE, escape_control_characters, format_number
+from fastcoil.base.text import MINUS_SIGN, MISSING_VALUE, escape_control_characters, format_count, format_number
 from fastcoil.loops.labels import quantity, sizes_in_words
 from fastcoil.loops.presets import NOT_THE_PAPER_FIT, PRESETS
 from fastcoil.model.parameter_table import PARAMETERS
@@ -161,7 +161,8 @@ class Page(NamedTuple):
 
         environment = Environment(
             loader=PackageLoader("fastcoil.deliver.report"), autoescape=True, undefined=StrictUndefined,
-            finalize=_escape_text, trim_blocks=True, lstrip_blocks=True,
+            finalize=lambda value: escape_control_characters(value) if type(value) is str else value,  # not markup
+            trim_blocks=True, lstrip_blocks=True,
         )  # fmt: skip
         sections = [section for section in self.sections if section.blocks]
         return environment.get_template("page.html").render(page=self, sections=sections, version=VERSION)
@@ -169,11 +170,6 @@ class Page(NamedTuple):
     def write(self, path: Path) -> Path:
         write_atomically(path, self.html().encode())
         return path
-
-
-def _escape_text(value: Any) -> Any:
-    """Escape control characters of texts; leave markup of the template unchanged."""
-    return escape_control_characters(value) if type(value) is str else value
 
 
 def require_page(path: Path, option: str = "path") -> None:
@@ -192,9 +188,9 @@ def make_picture(figure: Figure, caption: str, alt: str) -> Picture:
 def method_section(ds: xr.Dataset) -> Section:
     """Return the section on the model, the days and the parameters of a study."""
     constants, loop = json.loads(ds.attrs["parameters"]), tomllib.loads(ds.attrs["study_toml"])["loop"]
-    preset = str(loop.get("preset", "paper_like"))
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes, plant = sizes_in_words(ds["status"].sizes), constants.get("plant", "its plant")
+    preset = str(loop.get("preset", "paper_like" if plant == "coil" else MISSING_VALUE))
     noise_text = f"standard deviation {format_parameter('noise_std', noise)}" if noise else "none"
     noise_text = "swept" if noise is None else noise_text
     facts = [
@@ -206,7 +202,7 @@ def method_section(ds: xr.Dataset) -> Section:
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
         ("Days", str(ds.attrs.get("boundary", MISSING_VALUE))),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', MISSING_VALUE)} s"),
-        ("Noise", f"{noise_text}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {n} realisation{'s' if n > 1 else ''}"),
+        ("Noise", f"{noise_text}; seed {ds.attrs.get('seed', MISSING_VALUE)}, {format_count(n, 'realisation')}"),
     ]  # fmt: skip
     if ds.attrs.get("carry_over"):
         facts.append((

@@ -16,7 +16,7 @@ from fastcoil.base import files
 from fastcoil.base.arguments import argument_checks, collect_problems, require_flag, require_path
 from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.base.progress import Advance, display_for_call
-from fastcoil.base.text import MISSING_VALUE, escape_formulas
+from fastcoil.base.text import MISSING_VALUE, escape_formulas, format_count
 from fastcoil.deliver.report.page import Page, Section, Table, format_significant, require_page
 from fastcoil.logs.air_handler import count_valves
 from fastcoil.logs.log import Log, check_read_options, read_log
@@ -279,7 +279,8 @@ def state_counts(ds: xr.Dataset) -> dict[str, int]:
 
 def describe_counts(ds: xr.Dataset) -> str:
     """Describe how many valves are in each state, in a sentence."""
-    return f"{ds.sizes['valve']:,} valves: " + ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
+    head = format_count(ds.sizes["valve"], "valve")
+    return f"{head}: " + ", ".join(f"{n:,} {state}" for state, n in state_counts(ds).items() if n)
 
 
 def _valves_page(ds: xr.Dataset) -> Page:

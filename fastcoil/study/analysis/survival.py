@@ -73,16 +73,13 @@ def time_quantiles(
             "until lies before a time that was reached: give how long each run was watched", "until", "value"
         )
     others = [d for d in times.dims if d not in dims]
-    stacked = [values.transpose(*others, *dims).values.reshape(-1, _n_runs(times, dims)) for values in (times, ends)]
+    n_runs = int(np.prod([times.sizes[d] for d in dims]))
+    stacked = [values.transpose(*others, *dims).values.reshape(-1, n_runs) for values in (times, ends)]
     quantiles = np.array([_kaplan_meier(t, end, np.atleast_1d(shares)) for t, end in zip(*stacked, strict=True)])
     shape = [times.sizes[d] for d in others]
     coords = {n: c for n, c in times.coords.items() if {*c.dims} <= {*others}} | {"quantile": np.atleast_1d(shares)}
     result = xr.DataArray(quantiles.reshape(*shape, -1), coords, [*others, "quantile"], times.name, times.attrs)
     return result if shares.ndim else result.isel(quantile=0)
-
-
-def _n_runs(times: xr.DataArray, dims: Sequence[str]) -> int:
-    return int(np.prod([times.sizes[d] for d in dims]))
 
 
 def _kaplan_meier(times: np.ndarray, ends: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -20,14 +20,15 @@ from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, 
 from fastcoil.loops.boundary.weather import weather_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
+from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.analysis.precision import DEFAULT_MAX_BATCHES, MIN_BATCHES, Precision
 from fastcoil.study.analysis.selected import list_first
 from fastcoil.study.file.loop import build_loop, read_includes
 from fastcoil.study.file.sample import MAX_SAMPLE_SIZE, SALTELLI, SAMPLE_DIM, design_size, sample_file_hashes
-from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, pair_with_hints, parse_tables, parse_toml
-from fastcoil.study.file.user_code import UserCode, find_function, find_rules, load_code
+from fastcoil.study.file.tables import PrecisionTable, StudyFile, pair_with_hints, parse_tables, parse_toml
+from fastcoil.study.file.user_code import Prepare, UserCode, find_function, find_rules, load_code
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -114,24 +115,24 @@ def parse_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> 
     return Precision(table.metric, table.half_width, table.relative, dict(table.baseline), size, most)
 
 
-def parse_tuning(
-    table: Mapping[str, Any], run: RunTable, loop: Loop, boundary: Boundary, folder: Path
-) -> TuningRequest:
-    """Parse the tuning of a study's valves and days; ``holdout`` is labels of days, or a table like ``[boundary]``."""
-    if run.carry_over:
+def parse_tuning(study: Study) -> TuningRequest:
+    """Parse ``[tune]`` for a study's valves and days; ``holdout`` is labels of days or a table like ``[boundary]``."""
+    table, plan = study.tables["tune"], study.largest_plan or study.plan
+    layout = plan.layout
+    if plan.carry_over:
         sentence = "every day is tried alone: leave [run] carry_over out, or tune in a study of its own"
         raise InputError(sentence, "carry_over", "unsupported")
     holdout = table.get("holdout")
     if isinstance(holdout, dict):
         problems: list[str] = []
         with collect_problems(problems, "holdout: "):
-            holdout = build_boundary(holdout, folder)
+            holdout = build_boundary(holdout, study.folder)
         raise_problems(problems)
-    run_options = run.model_dump(include={"warm_up", "seed", "replicates"})
+    run_options = {"warm_up": plan.warm_up, "seed": plan.seed, "replicates": layout.sizes.get("replicate", 1)}
     keywords = inspect.signature(plan_tuning).parameters.items()
     parameters = {name: p for name, p in keywords if p.kind is p.KEYWORD_ONLY and name not in run_options}
     raise_problems(find_argument_problems("tune", table, parameters))
-    return plan_tuning(loop, boundary, **{**table, "holdout": holdout}, **run_options)
+    return plan_tuning(layout.loop, layout.boundary, **{**table, "holdout": holdout}, **run_options)
 
 
 MAX_STUDY_FILE_BYTES = 2**20  # no study written by hand is larger
@@ -153,7 +154,6 @@ class Study:
     included_parameters: Mapping[str, Any] = field(default_factory=dict)  # from the files in ``[loop] include``
     sample_file_hashes: Sequence[str] = ()  # of the files that ``[sample]`` names
     rules: Mapping[str, UserCode] = field(default_factory=dict)  # code of user-defined rules, by name
-    tuning: TuningRequest | None = None  # of ``[tune]``
     precision: Precision | None = None  # of ``[run] precision``
     batches: int = 1  # of samples in ``plan``
     largest_plan: Plan | None = field(default=None, repr=False)  # that of the most samples that may be drawn
@@ -190,16 +190,15 @@ class Study:
         return self.with_batches(matching[0]) if matching else None
 
 
-def read_study(
-    path: Path, folder: Path | None = None, *, prepare: Callable[[str, UserCode], object] | None = None
-) -> Study:
+def read_study(path: Path, folder: Path | None = None, *, prepare: Prepare | None = None) -> Study:
     """Read and validate a study file; ``InputError`` with one sentence for each mistake in it.
 
     folder: where relative paths and modules of the user's code start; the file's by default.  prepare: loads the user's
     code, called with its key (``reduce``, ``estimator`` …) and source; by default none of it is run.
     """
-    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", MAX_STUDY_FILE_BYTES)
-    text = text.replace("\r\n", "\n")
+    cure = f'; for this preset, one with preset = "{path}" in [loop]' if str(path) in PRESETS else ""
+    cure = f"a study file{cure or f', or make one with `fastcoil init {path}`'}"
+    text = read_text(path, cure, MAX_STUDY_FILE_BYTES).replace("\r\n", "\n")
     tables = parse_toml(text, str(path))
     try:
         return _build_study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
@@ -207,9 +206,18 @@ def read_study(
         raise InputError([problem.with_prefix(f"{path}: ") for problem in error.problems]) from None
 
 
-def _build_study(
-    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, UserCode], object] | None
-) -> Study:
+def read_tuning(path: Path, *, prepare: Prepare | None = None) -> TuningRequest:
+    """Read a study file and its ``[tune]``, on which no scenario depends; raises as ``read_study`` does."""
+    study, problems = read_study(path, prepare=prepare), list[str]()
+    if "tune" not in study.tables:
+        sentence = f"{path} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}"
+        raise InputError(sentence, "[tune]", "missing")
+    with collect_problems(problems, f"{path}: [tune] "):
+        return parse_tuning(study)
+    raise InputError(problems)
+
+
+def _build_study(text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Prepare | None) -> Study:
     file, problems = parse_tables(tables)
     run = file.run
     precision: Precision | None = None
@@ -236,12 +244,10 @@ def _build_study(
     if loop is not None:
         require_memory(file, loop)
     boundary = attempt(build_boundary, file.boundary, folder, prefix="[boundary] ")
-    plan = tuning = reduction = None
+    plan = reduction = None
     if loop is not None and boundary is not None:
         options = run.model_dump(exclude={"reduce", "precision"})
         plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
-        if file.tune is not None:
-            tuning = attempt(parse_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
     if run.reduce is not None:
         reduction = attempt(find_function, "reduce", run.reduce, folder, prefix="[run] ")
         if prepare is not None and reduction is not None:
@@ -257,6 +263,6 @@ def _build_study(
     hashes = sample_file_hashes(file.sample, folder) if file.sample else []
     study = Study(
         text, tables, file.title or name, file.question, plan, folder, reduction, included, hashes, sources,
-        tuning, precision, batches, plan,
+        precision, batches, plan,
     )  # fmt: skip
     return study.with_batches(MIN_BATCHES) if precision else study

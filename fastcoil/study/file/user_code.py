@@ -47,6 +47,9 @@ class UserCode:
         return hashlib.sha256(f"{self.name}\0{self.source}".encode()).hexdigest()
 
 
+Prepare = Callable[[str, UserCode], object]  # loads a function, given its key (``reduce``, ``plant`` …) and source
+
+
 def find_function(what: str, text: str, folder: Path) -> UserCode:
     """Find ``module:function``, the function in ``module.py`` in ``folder``; what: the key that names it."""
     module, _, function = text.partition(":")
@@ -166,11 +169,7 @@ def load_function(what: str, code: UserCode) -> Any:
     return function
 
 
-def load_code(
-    rules: Mapping[str, Rule],
-    sources: Mapping[str, UserCode],
-    prepare: Callable[[str, UserCode], object] = load_function,
-) -> None:
+def load_code(rules: Mapping[str, Rule], sources: Mapping[str, UserCode], prepare: Prepare = load_function) -> None:
     """Run the code of rules of which only the declarations were read; ``prepare`` loads a function."""
     for name, rule in rules.items():
         if not rule.is_loaded:

@@ -28,7 +28,7 @@ from filelock import BaseFileLock, FileLock, Timeout
 
 from fastcoil.base import files
 from fastcoil.base.arguments import is_storable_text
-from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, short_repr
+from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, LockedError, StorageError, short_repr
 from fastcoil.base.figures import FIGURES_FOLDER
 from fastcoil.base.machine import retry_while_locked
 from fastcoil.base.text import escape_control_characters
@@ -108,6 +108,15 @@ class StudyFolder:
         except ValueError:  # not UTF-8, or too large
             return None
 
+    def find_source(self) -> str:
+        """Find the study file that the run was started from, by its text; ``STUDY.toml`` where it is not known."""
+        folder, text = self.path / self.require_manifest().relative_to, self.read_text()
+        for path in sorted(folder.glob("*.toml")):
+            with suppress(FastcoilError):
+                if files.read_text(path, "", MAX_STUDY_FILE_BYTES).replace("\r\n", "\n") == text:
+                    return os.path.normpath(path)
+        return "STUDY.toml"
+
     def read_study(self, manifest: Manifest) -> Study:
         """Read the study that is run, from the text in the folder; ``IntegrityError`` if it or its files changed."""
         command = f"`fastcoil run STUDY.toml -o {self.path}`"
@@ -117,10 +126,8 @@ class StudyFolder:
         try:
             study = read_study(self.study_path, self.path / manifest.relative_to)
         except InputError as error:
-            raise IntegrityError(
-                f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
-                + "\n".join(error.problems)
-            ) from None
+            sentence = f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}"
+            raise IntegrityError("\n".join([sentence, *error.problems])) from None
         matching = study.find_by_hash(manifest.study_sha256)
         if matching is None:
             changed = "the series of its [boundary]"

@@ -60,7 +60,7 @@ def open_finished(folder: Path) -> xr.Dataset:
     ds = open_study(folder)
     n, n_missing = ds["status"].size, int((ds["status"].values == STATUS_NOT_RUN).sum())
     if n_missing or "content_sha256" not in ds.attrs:
-        command = command_line(["fastcoil", "run", "STUDY.toml", "-o", str(folder)])
+        command = command_line(["fastcoil", "run", StudyFolder(folder).find_source(), "-o", str(folder)])
         sentence = f"{folder} is unfinished: {n - n_missing:,} of {n:,} scenarios are done; finish it with `{command}`"
         raise InputError(sentence, str(folder), "data")
     return ds

@@ -180,6 +180,7 @@ def test_the_command_exports_a_rule_of_a_study_file(tmp_path, monkeypatch):
     (tmp_path / "loop.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
     result = fastcoil("export", "loop.toml", "--language", "python")
     assert result.exit_code == 0, result.output
+    assert result.stderr == f"This study runs its own code: mine from {tmp_path / 'mine.py'}.\n"
     assert WORST_DIFFERENCE["python"](tmp_path / "loop.py", tmp_path / "loop_vectors.csv") == 0.0
 
 

@@ -53,9 +53,16 @@ def test_up_to_three_labels_have_a_curve_each_and_the_heading_says_what_is_left_
 def test_what_failed_is_told(ds):
     failed = ds.where(ds.backlash > 0.03).assign(status=ds.status.where(ds.backlash > 0.03, 2))
     heading = fc.plot.map(failed)[0].get_title(loc="left").replace("\n", " ")
-    assert heading.endswith("without 24 that failed of 96 scenarios")
+    assert heading.endswith("without 24 that failed of the 96 scenarios drawn")
     heading = fc.plot.map(failed.assign(status=failed.status.where(failed.status == 0, 3)))[0].get_title(loc="left")
-    assert "24 that are not run yet of 96" in heading.replace("\n", " ")
+    assert "24 that are not run yet of the 96" in heading.replace("\n", " ")
+
+
+def test_days_that_are_not_run_are_not_counted_as_pooled(ds):
+    unfinished = ds.where(ds.day < 3).assign(status=ds.status.where(ds.day < 3, 3))
+    heading = fc.plot.map(unfinished)[0].get_title(loc="left").replace("\n", " ")
+    assert "median of 3 of 6 days; " in heading
+    assert "without 48 that are not run yet of the 96 scenarios drawn" in heading
     nothing = (ds * np.nan).assign(status=ds.status)
     assert "no finite value" in [text.get_text() for text in fc.plot.map(nothing)[0].texts]
     assert "no finite value" in [text.get_text() for text in fc.plot.bands(nothing, x="backlash")[0].texts]

@@ -19,6 +19,7 @@ from fastcoil.loops import netcdf, plan
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
+from fastcoil.study.file.spec import read_tuning
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.stored import Shards
 
@@ -163,5 +164,7 @@ def test_a_reduction_gets_the_traces_of_each_day(tmp_path):
 
 
 def test_a_tuning_of_days_in_sequence_is_refused(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(CARRIED + "[tune]\nsearch = { kp = [0.01, 0.02] }\n")
     with refuses(("carry_over", "unsupported")):
-        write_study(CARRIED + "[tune]\nsearch = { kp = [0.01, 0.02] }\n", tmp_path / "out")
+        read_tuning(path)
