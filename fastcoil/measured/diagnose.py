@@ -151,10 +151,8 @@ def diagnose(
         identified=identification.identified, reason=identification.reason, cause=cause.name, because=cause.because,
         hunts=measures.swing.is_regular, is_own=measures.is_own, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
-        predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
-        signals=signals,
-        triage=triage,
-        warnings=[*write_warnings(triage), *warnings], notes=notes,
+        predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause),
+        signals=signals, triage=triage, warnings=[*write_warnings(triage), *warnings], notes=notes,
     )  # fmt: skip
 
 
