@@ -110,8 +110,8 @@ def diagnose(
         identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
         late_by = identification.temperature_lag if lag is None else lag
         if test is not None and test.identified:
-            probability = test.profile["probability"].values
-            identification = Identification(test.backlash, *test.interval, True, test.reason, probability, late_by)
+            (low, high), probability = test.interval, test.profile["probability"].values
+            identification = Identification(test.backlash, low, high, True, test.reason, probability, late_by)
         backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
         # a command that is late, on a clock that is not clear, may be that of a slow controller
         moved = grid.at_lag(max(late_by, 0.0) if lag is None else lag).values
