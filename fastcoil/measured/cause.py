@@ -18,6 +18,8 @@ CAUSE_BACKLASH = "backlash"
 CAUSE_TUNING = "tuning"
 CAUSE_DISTURBANCE = "disturbance"
 CAUSE_UNKNOWN = "unknown"
+GAIN_DECIDES = "a 10 % change of the loop gain decides whether the loop would hunt alone, "
+GAIN_DECIDES += "and the log does not show the gain that accurately"
 
 
 class Cause(NamedTuple):
@@ -91,14 +93,16 @@ def _judge_by_model(fitted: FittedLoop, measures: Measures, evidence: PriorEvide
     n_with_gap = sum(_matches_log(undisturbed.replay_with(fitted.backlash, gain), swing) for gain in gains)
     n_without_gap = sum(_matches_log(undisturbed.replay_with(0.0, gain), swing) for gain in gains)
     if n_without_gap >= thresholds.LEAST_AGREEING_GAINS:
-        return Cause(CAUSE_TUNING, "the loop would hunt even with a perfect valve")
+        because = "would hunt even with a perfect valve"
+        if fitted.doubt and not evidence.is_measured:
+            return Cause(CAUSE_UNKNOWN, f"the fitted loop {because}, but it does not reproduce the log")
+        return Cause(CAUSE_TUNING, f"the loop {because}")
     if n_with_gap >= thresholds.LEAST_AGREEING_GAINS and n_without_gap == 0:
         return _judge_gap(fitted, undisturbed, measures, evidence)
     if n_with_gap == 0 and not undisturbed.replay_with(fitted.backlash, thresholds.DISTURBANCE_GAIN_FACTOR).hunts:
         because = "the loop would not hunt alone: look for a swing from outside, in the water or the entering air"
         return Cause(CAUSE_DISTURBANCE, because)
-    because = "a 10 % change of the loop gain decides whether the loop would hunt alone, and the log does not show the "
-    return Cause(CAUSE_UNKNOWN, f"{because}gain that accurately")
+    return Cause(CAUSE_UNKNOWN, GAIN_DECIDES)
 
 
 def undisturbed_loop(fitted: FittedLoop, swing: Swing, *, noise: bool = False) -> FittedLoop:
@@ -194,23 +198,23 @@ def simc_gains(fitted: FittedLoop, cause: str) -> tuple[float, float]:
     return float(f"{math.copysign(kp, fitted.pi.kp):.2g}"), float(f"{min(lag, 8.0 * dead_time):.2g}")
 
 
-def predict_cases(fitted: FittedLoop, cause: str) -> xr.Dataset:
+def predict_cases(fitted: FittedLoop, cause: Cause) -> xr.Dataset:
     """Predict the loop's day with each change of ``CASE_LABELS``: a Dataset along ``case``, NaN where in ``doubt``.
 
     The cause is judged without fast disturbances, and a day is predicted with them: the swing that is left in them may
     go on without the gap.  Where the two disagree, nothing is predicted.
     """
-    (kp, ti), pi = simc_gains(fitted, cause), fitted.pi
+    (kp, ti), pi = simc_gains(fitted, cause.name), fitted.pi
     outcomes: dict[str, Outcome | str] = {
         "as_found": what_if(fitted),
-        "no_gap": what_if(fitted, backlash=0.0),
+        "no_gap": GAIN_DECIDES if cause.because == GAIN_DECIDES else what_if(fitted, backlash=0.0),
         "half_gap": what_if(fitted, backlash=0.5 * fitted.backlash),
         "half_gain": what_if(fitted, kp_factor=0.5),
         "simc": what_if(fitted, kp_factor=kp / pi.kp, ti_factor=ti / pi.ti),
         "inverse": what_if(fitted, estimate=INVERSE_SHARE * fitted.backlash, buffer=0.01),
     }
     no_gap, hunts_without_gap = outcomes["no_gap"], {CAUSE_BACKLASH: False, CAUSE_TUNING: True}
-    if not isinstance(no_gap, str) and no_gap.hunts != hunts_without_gap.get(cause, no_gap.hunts):
+    if not isinstance(no_gap, str) and no_gap.hunts != hunts_without_gap.get(cause.name, no_gap.hunts):
         outcomes["no_gap"] = "the disturbances of the log hide whether the loop would hunt"
     ds = xr.Dataset(coords={"case": list(outcomes)})
     for name, (unit, meaning) in _PREDICTED_VARIABLES.items():

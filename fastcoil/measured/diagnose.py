@@ -19,6 +19,7 @@ from fastcoil.measured.agreement import plausible_lags, require_agreement
 from fastcoil.measured.cause import PriorEvidence, judge_cause, predict_cases, revise_after_hold, stops_on_hold
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
+from fastcoil.measured.fitted_plant import recover_pi
 from fastcoil.measured.grid import Grid, common_start, forward_fill, join_grids, keep_own_values, resample_log
 from fastcoil.measured.identify import DayEvidence, Identification, combine_days, gather_evidence
 from fastcoil.measured.measures import Measures, measure_loop
@@ -34,15 +35,9 @@ _KP_RANGE = (1e-5, 10.0)  # 1/K, of the argument kp
 
 @np.errstate(all="ignore")
 def diagnose(
-    log: LogSource | Sequence[LogSource],
-    stroke_time: float | None = None,
-    sample_time: float | None = None,
-    *,
-    lag: float | None = None,
-    kp: float | None = None,
-    ti: float | None = None,
-    test: ValveReading | None = None,
-) -> Diagnosis:
+    log: LogSource | Sequence[LogSource], stroke_time: float | None = None, sample_time: float | None = None, *,
+    lag: float | None = None, kp: float | None = None, ti: float | None = None, test: ValveReading | None = None,
+) -> Diagnosis:  # fmt: skip
     """Find the backlash of a valve in a trend log of its loop, and why the loop hunts if it does.
 
     Parameters
@@ -110,28 +105,35 @@ def diagnose(
     notes += own_notes
     values, interval = grid.values, grid.interval
     motor_seconds = identify.USUAL_STROKE_TIME if stroke_time is None else stroke_time
-    identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
-    if test is not None and test.identified:
-        low, high = test.interval
-        probability, late_by = test.profile["probability"].values, identification.temperature_lag
-        identification = Identification(test.backlash, low, high, True, test.reason, probability, late_by)
-    backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
-    loop = fit_loop_model(
-        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, motor_seconds, sample_time,
-        grid.on, gains,
-    )  # fmt: skip
+    given_lag, is_clear = lag, False
+    while not is_clear:
+        identification, measures = identify_and_measure(grid, motor_seconds, sample_time, lag)
+        late_by = identification.temperature_lag if lag is None else lag
+        if test is not None and test.identified:
+            (low, high), probability = test.interval, test.profile["probability"].values
+            identification = Identification(test.backlash, low, high, True, test.reason, probability, late_by)
+        backlash = identification.backlash if np.isfinite(identification.backlash) else 0.0
+        # a command that is late, on a clock that is not clear, may be that of a slow controller
+        moved = grid.at_lag(max(late_by, 0.0) if lag is None else lag).values
+        loop = fit_loop_model(
+            moved["command"], moved["T_sup"], moved.get("T_set"), interval, backlash, motor_seconds, sample_time,
+            grid.on, gains,
+        )  # fmt: skip
+        doubt = loop if isinstance(loop, str) else loop.doubt
+        is_exact = not isinstance(loop, str) and loop.pi.explained > thresholds.LEAST_CLOCK_EXPLAINED
+        if lag is None and (late_by or doubt or not is_exact):
+            lag = _find_lag(grid, late_by, sample_time)
+        is_clear = lag in (None, late_by)
     hold = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
     evidence = PriorEvidence(identification.identified, is_own_swing=stops_on_hold(measures, *hold))
     cause = revise_after_hold(judge_cause(measures, loop, evidence), measures, *hold)
-    doubt = loop if isinstance(loop, str) else loop.doubt
     attrs = {name: {"units": unit, "long_name": meaning} for name, (unit, meaning) in INDICES.items()}
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
     if not isinstance(loop, str):
         indices |= {"kp": abs(loop.pi.kp), "ti": loop.pi.ti, "sample_time": loop.pi.sample_time}
         indices |= {} if doubt else {"plant_gain": loop.plant.gain}
-    if stroke_time is None:
-        notes.append(f"the motor is assumed to take {motor_seconds:g} s per stroke: give stroke_time if you know it")
-    if lag is None and (late_by := identification.temperature_lag):
+    notes += note_stroke_time(stroke_time)
+    if given_lag is None and late_by:
         when = f"{abs(late_by):g} s {'later' if late_by > 0.0 else 'earlier'} than the command, which was corrected"
         cure = "if that is wrong, give the lag (lag, --lag)"
         notes.append(f"judging by the controller's response, T_sup is logged {when}; {cure}")
@@ -151,10 +153,8 @@ def diagnose(
         identified=identification.identified, reason=identification.reason, cause=cause.name, because=cause.because,
         hunts=measures.swing.is_regular, is_own=measures.is_own, profile=probability_profile(identification),
         indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
-        predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause.name),
-        signals=signals,
-        triage=triage,
-        warnings=[*write_warnings(triage), *warnings], notes=notes,
+        predictions=None if doubt or isinstance(loop, str) else predict_cases(loop, cause),
+        signals=signals, triage=triage, warnings=[*write_warnings(triage), *warnings], notes=notes,
     )  # fmt: skip
 
 
@@ -177,6 +177,14 @@ def require_seconds(name: str, value: Any, least: float) -> float:
     return require_number(name, value, cure, least=least, most=_LONGEST_TIME_S)
 
 
+def note_stroke_time(stroke_time: float | None) -> list[str]:
+    """Return a note on a stroke time, s, that is assumed or unusual."""
+    if stroke_time is None:
+        return ["the motor is assumed to take 90 s per stroke: give stroke_time if you know it"]
+    is_usual = not stroke_time or 10.0 <= stroke_time <= 600.0
+    return [] if is_usual else [f"stroke_time = {stroke_time:g} s: most motors take 10 to 600 s: check the unit"]
+
+
 def _require_gains(kp: Any, ti: Any) -> tuple[float, float] | None:
     if (kp is None) != (ti is None):
         raise InputError("kp, ti: give both, or leave both out", "ti" if ti is None else "kp", "missing")
@@ -185,6 +193,22 @@ def _require_gains(kp: Any, ti: Any) -> tuple[float, float] | None:
     least, most = _KP_RANGE
     kp = require_number("kp", kp, f"give 1/K, from {least:g} to {most:g}", least=least, most=most)
     return kp, require_seconds("ti", ti, _SHORTEST_TIME_S)
+
+
+def _find_lag(grid: Grid, assumed: float, sample_time: float | None) -> float:
+    """Return the only lag of T_sup, s, at which a PI explains nearly every move of the command, else ``assumed``."""
+    end = max(np.flatnonzero(grid.on), default=0) + 1  # of the last half a day of operation, which suffices
+    grid = grid.part(slice(max(end - int(43200.0 / grid.interval), 0), end))
+    step = grid.interval * max(1, round(5.0 / grid.interval))  # s
+    n, left = int(30.0 / step), {}  # s; what a PI leaves at each lag
+    for lag in sorted({assumed, *(step * np.arange(-n, n + 1)).tolist()}):
+        command, T_sup, T_set, known = _known_loop(grid.at_lag(lag))
+        pi = "" if T_set is None else recover_pi(command, T_sup, T_set, grid.interval, known, sample_time)
+        left[lag] = 1.0 if isinstance(pi, str) else max(1.0 - pi.explained, 1e-5)
+    best = next(lag for lag in left if left[lag] <= 1.25 * min(left.values()))
+    # a command that answers the sample before is explained a sample later as well
+    rival = min((left[lag] for lag in left if not best <= lag < best + 1.5 * step), default=0.0)
+    return best if left[best] < min(1.0 - thresholds.LEAST_CLOCK_EXPLAINED, 0.25 * rival) else assumed
 
 
 def identify_and_measure(
@@ -198,9 +222,8 @@ def identify_and_measure(
 
     identification, measures = identify_at(lag), measure_loop(grid, stroke_time)
     if identification.identified and len(days) > 1 and lag is None:
-        other_lags, is_clock_right = plausible_lags(
-            map(_known_loop, days), grid.interval, identification.temperature_lag
-        )
+        late_by = identification.temperature_lag
+        other_lags, is_clock_right = plausible_lags(map(_known_loop, days), grid.interval, late_by)
         # a command that answers a temperature logged later looks like one without a gap
         if not is_clock_right or identification.backlash <= identify.GOOD_BACKLASH:
             for other_lag in other_lags:

@@ -261,10 +261,11 @@ class ValveReading(Result):
     def summary(self) -> list[str]:
         """Return the reading as lines of text."""
         plant = f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s"
-        hold = f"the temperature moved by {self.held_swing:.2g} K while the command was held"
+        hold = f"; the temperature moved by {self.held_swing:.2g} K while the command was held"
+        plant += hold * bool(np.isfinite(self.held_swing))
         cause = f"Cause of the swing before the test: {self.cause}: {self.because}"
         head = f"{self.source}: a valve test of {self.minutes:.0f} min"
-        return [head, _describe_gap(self), f"{plant}; {hold}", cause, *(f"Note: {note}" for note in self.notes)]
+        return [head, _describe_gap(self), plant, cause, *(f"Note: {note}" for note in self.notes)]
 
     @apply_style()
     def plot(self) -> Figure:
@@ -477,8 +478,7 @@ def _draw_predictions(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw predicted error and travel with each change, in per cent of those with the present gains."""
     axes.set_title("What the fitted loop would do", loc="left")
     if diagnosis.predictions is None:
-        notice = "no prediction: see the notes"
-        axes.text(0.5, 0.5, notice, transform=axes.transAxes, ha="center", va="center", fontsize=8)
+        axes.text(0.5, 0.5, "no prediction: see the notes", transform=axes.transAxes, ha="center", fontsize=8)
         axes.set(xticks=[], yticks=[])
         return
     predictions, cases = diagnosis.predictions, list(diagnosis.predictions["case"].values)

@@ -48,6 +48,13 @@ class Grid(NamedTuple):
         values = {name: series[rows] for name, series in self.values.items()}
         return Grid(self.interval * (rows.step or 1), self.time[rows], values, self.on[rows], self.increment)
 
+    def at_lag(self, lag: float) -> "Grid":
+        """Return the grid with T_sup and T_set ``lag`` s earlier, NaN where a log ends."""
+        logs, shift = np.searchsorted(self.starts, np.arange(self.on.size), side="right"), round(lag / self.interval)
+        logged = {name: pd.Series(self.values[name]) for name in ("T_sup", "T_set") if name in self.values}
+        moved = {name: series.groupby(logs).shift(-shift).to_numpy() for name, series in logged.items()}
+        return self._replace(values=self.values | moved)
+
     def day_slices(self) -> list[slice]:
         """Return a slice for each day from the start of each log; a rest of less than half a day joins the last."""
         samples_per_day, days = round(SECONDS_PER_DAY / self.interval), []

@@ -21,9 +21,10 @@ from fastcoil.base.errors import InputError, short_repr
 from fastcoil.logs.columns import ColumnSpec
 from fastcoil.logs.log import as_log
 from fastcoil.measured.cause import CAUSE_UNKNOWN, Cause, PriorEvidence, judge_cause, revise_after_hold, stops_on_hold
-from fastcoil.measured.diagnose import identify_and_measure, require_seconds
+from fastcoil.measured.diagnose import identify_and_measure, note_stroke_time, require_seconds
 from fastcoil.measured.diagnosis import ValveReading, probability_profile
 from fastcoil.measured.fitted_loop import fit_loop_model
+from fastcoil.measured.fitted_plant import is_unsaturated
 from fastcoil.measured.grid import Grid, forward_fill, keep_own_values, motor_positions, resample_log, running_mean
 from fastcoil.measured.identify import CANDIDATES, LEAST_REVERSAL, USUAL_STROKE_TIME, Identification, judge_size
 from fastcoil.measured.part import LogSource, count_reversals, true_runs
@@ -87,9 +88,8 @@ def read_test(
         raise InputError(sentence, "log", "time")
     grid = grid.part(slice(None, None, max(1, round(10.0 / grid.interval))))  # which shows the gap as well
     notes = [*data.notes, *notes, *own_notes]
-    if stroke_time is None:
-        stroke_time = USUAL_STROKE_TIME
-        notes.append(f"the motor is assumed to take {stroke_time:g} s per stroke: give stroke_time if you know it")
+    notes += note_stroke_time(stroke_time)
+    stroke_time = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     first, last = _find_test_rows(data.name, grid, between, notes)
     window = slice(max(first - round(600.0 / grid.interval), 0), last + round(_AFTER_TEST_S / grid.interval))
     command = forward_fill(grid.values["command"][: window.stop])
@@ -140,10 +140,20 @@ def _find_test_rows(name: str, grid: Grid, between: tuple[float, float] | None, 
     if len(tests) > 1:
         notes.append(f"the log has {len(tests)} tests: the last is read, for another give between, --between")
     first, last = int(tests[-1][0]), int(tests[-1][1])
+    if between is not None and not rests_as_in_test(forward_fill(grid.values["command"])[first:last], grid.interval):
+        window = f"between = ({between[0]:g}, {between[1]:g}): the command does not hold and ramp as in a valve test"
+        raise InputError(f"{window}: give start and end of a test (fastcoil valve-test plan)", "between", "data")
     if np.unique(forward_fill(grid.values["T_sup"])[first : last + round(_AFTER_TEST_S / grid.interval)]).size < 2:
         sentence = f"{name}: T_sup does not move in the test: check its sensor and how it is logged"
         raise InputError(sentence, "T_sup", "data")
     return first, last
+
+
+def rests_as_in_test(command: Array, interval: float) -> bool:
+    """Whether a command rests between its ends for 45 s, and twice as long as between its moves, as in a test."""
+    is_moved = (np.abs(np.diff(command)) > 0.001) | ~is_unsaturated(command[1:])
+    *others, longest = np.sort(np.diff([0, *np.flatnonzero(is_moved) + 1, command.size])) * interval
+    return bool(longest >= max(45.0, 2.0 * float(np.median(others or [0.0]))))
 
 
 def _identify_gap(

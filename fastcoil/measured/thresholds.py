@@ -11,6 +11,7 @@ MOST_UNEXPLAINED = 0.015  # share of the variance of the command's changes; as m
 MOST_UNEXPLAINED_PER_SECOND = 1 / 2000  # such a share in a slow log, per second between samples
 LARGEST_RESIDUAL_CORRELATION = 0.25  # of residuals a window apart: noise has less, another plant's temperature more
 NEGLIGIBLE_UNEXPLAINED = 0.005  # share of the variance below which that correlation does not count
+LEAST_CLOCK_EXPLAINED = 0.998  # of the command's moves, by a PI on the right clock; on others it leaves 4 times as much
 
 # identify: what a day may claim (tables diagnosis_claims, claims_pooled)
 LIKELIHOOD_WEIGHT = 0.8  # share of the log-likelihood that counts: residuals are neither independent nor normal

@@ -103,9 +103,14 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "replay_with", replay_with)
-    verdict = judge_cause(measures, fit_model(grid, 0.02), PriorEvidence(True))
+    loop = fit_model(grid, 0.02)._replace(doubt="")
+    verdict = judge_cause(measures, loop, PriorEvidence(True))
     assert verdict.name == cause
     assert_worded(verdict.because)
+    if cause == "tuning":
+        doubted = judge_cause(measures, loop._replace(doubt="it does not reproduce the log"), PriorEvidence(True))
+        assert doubted.name == "unknown"
+        assert_worded(doubted.because)
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,16 @@ import pandas as pd
 import pytest
 import xarray as xr
 from click.testing import CliRunner
+from helpers.full import full_except
 from helpers.loop_logs import make_loop_log, write_log
 from helpers.refusals import assert_mistakes, assert_refused
+from helpers.sentences import assert_worded
 from helpers.shared_data import measured_file
 
 import fastcoil as fc
 from fastcoil.cli.main import main
 from fastcoil.measured import cause
+from fastcoil.measured.diagnose import note_stroke_time
 from fastcoil.measured.fitted_loop import Outcome
 from fastcoil.study.file.tables import parse_toml
 
@@ -105,6 +108,54 @@ def test_a_prediction_that_contradicts_the_cause_is_withheld(monkeypatch):
     assert "disturbances of the log hide" in str(result.predictions.doubt.sel(case="no_gap").values)
     assert np.isnan(result.predictions.hunts.sel(case="no_gap"))
     assert result.predictions.hunts.sel(case="half_gap") == 1.0
+
+
+def test_where_the_gain_decides_on_the_cause_the_loop_without_its_gap_is_not_predicted(monkeypatch):
+    unsure = cause.Cause(cause.CAUSE_UNKNOWN, cause.GAIN_DECIDES)
+    monkeypatch.setattr("fastcoil.measured.diagnose.judge_cause", lambda *_: unsure)
+    result = fc.diagnose(make_loop_log(kp=0.03, ti=15.0), stroke_time=90.0)
+    (line,) = (line for line in result.summary() if line.startswith("Without the gap:"))
+    assert line == f"Without the gap: not predicted: {cause.GAIN_DECIDES}"
+    assert np.isfinite(result.predictions.rmse.sel(case="as_found"))
+
+
+def log_on_two_clocks(rows, **settings):
+    """A log of a loop that hunts, whose command is logged so many rows late."""
+    log = make_loop_log(kp=0.03, ti=15.0, **settings)
+    n, k = log.sizes["elapsed_time"], np.arange(abs(rows), log.sizes["elapsed_time"] - abs(rows))
+    assert 0 <= k[0] - rows <= k[-1] - rows < n
+    moved = log.isel(elapsed_time=k)
+    return moved.assign(command=moved.command.copy(data=log.command.values[k - rows].round(3)))
+
+
+@pytest.mark.parametrize("rows", full_except([-3, -2, -1, 1, 2, 3], [-3, 1]))
+def test_a_command_on_another_clock_changes_neither_gap_nor_gains(rows):
+    """The answers of a loop that hunts come back with its period: over minutes, they fit several clocks."""
+    result = fc.diagnose(log_on_two_clocks(rows), stroke_time=90.0)
+    assert float(result.indices.kp) == pytest.approx(0.03, rel=0.05)
+    assert float(result.indices.ti) == pytest.approx(15.0, rel=0.05)
+    assert not result.identified or result.interval[0] <= BACKLASH <= result.interval[1]
+    when = f"{10 * abs(rows)} s {'earlier' if rows > 0 else 'later'} than the command, which was corrected"
+    assert any(when in note for note in result.notes)
+
+
+def test_clocks_that_agree_are_left_and_a_lag_that_is_given_stays(monkeypatch):
+    """Neither does a swing over the whole stroke look like another clock."""
+    for settings in ({"kp": 0.03, "ti": 15.0}, {"kp": 0.06, "ti": 12.0}):
+        result = fc.diagnose(make_loop_log(**settings), stroke_time=90.0)
+        assert not any("which was corrected" in note for note in result.notes)
+        assert float(result.indices.kp) == pytest.approx(settings["kp"], rel=0.05)
+    monkeypatch.setattr("fastcoil.measured.diagnose._find_lag", None)
+    given = fc.diagnose(log_on_two_clocks(-3), stroke_time=90.0, lag=30.0)
+    assert float(given.indices.kp) == pytest.approx(0.03, rel=0.05)
+
+
+@pytest.mark.parametrize(("stroke_time", "is_noted"), [(1.5, True), (900.0, True), (0.0, False), (10.0, False)])
+def test_a_stroke_time_in_minutes_is_noted(coarse, stroke_time, is_noted):
+    notes = note_stroke_time(stroke_time)
+    assert bool(notes) is is_noted
+    assert_worded(*notes)
+    assert note_stroke_time(None)[0] in coarse.notes
 
 
 def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(log):

@@ -1,16 +1,18 @@
 """``fc.read_test``: the gap, the plant and the cause from the log of a valve test, and what it refuses."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from helpers.full import full_except
+from helpers.loop_logs import make_loop_log
 from helpers.refusals import assert_refused
 
 import fastcoil as fc
 from fastcoil.measured.cause import CAUSE_DISTURBANCE, CAUSE_NONE, CAUSE_TUNING, Cause, revise_after_hold, stops_on_hold
 from fastcoil.measured.measures import NO_SWING, Measures, Swing
-from fastcoil.measured.read_test import stem_places
+from fastcoil.measured.read_test import rests_as_in_test, stem_places
 
 pytestmark = pytest.mark.kernel
 START, MINUTES, STEP = 5400, 30, 10
@@ -88,6 +90,34 @@ def test_a_log_without_a_readable_test_is_refused(logs):
     assert_refused("stroke_time", "value", fc.read_test, log, -1)
     for between, code in (((6000, 5000), "value"), ((5400, 90000), "value"), ((5401, 5409), "data"), (5, "type")):
         assert_refused("between", code, fc.read_test, log, between=between)
+
+
+@pytest.mark.parametrize("gains", [(0.03, 15.0), (0.06, 12.0)])
+def test_a_stretch_of_a_hunting_loop_is_no_test(gains):
+    """Neither is one in which the command rests at an end of the stroke."""
+    log = make_loop_log(hours=2, kp=gains[0], ti=gains[1])
+    log["command"] = log.command.round(3)
+    assert_refused("between", "data", fc.read_test, log, between=(600, 1800))
+
+
+def test_the_steps_of_a_technician_are_a_test():
+    """2.1 % of the stroke every 30 s, and holds of two minutes; the position of the motor jitters."""
+    ramp = np.repeat(0.021 * np.arange(1, 6), 3)
+    once = np.concatenate([ramp, np.full(12, ramp[-1]), ramp[-1] - ramp, np.zeros(12)])
+    command = 0.4 + np.concatenate([np.zeros(6), once, once])
+    assert rests_as_in_test(command, 10.0)
+    assert rests_as_in_test(command + 0.0004 * np.random.default_rng(1).uniform(-1.0, 1.0, command.size), 10.0)
+    assert rests_as_in_test(command[:12], 10.0)
+    assert not rests_as_in_test(command[6:18], 10.0)
+
+
+def test_a_test_without_a_hold_says_nothing_of_it(logs):
+    """The start is given late, after the first hold."""
+    log = logs[0.08]
+    r = fc.read_test(log, stroke_time=90, between=(START + 100, START + 60 * MINUTES))
+    assert np.isnan(r.held_swing) or "while the command was held" in r.summary()[2]
+    assert not any("nan" in line for line in r.summary())
+    assert not any("nan" in line for line in replace(r, held_swing=np.nan).summary())
 
 
 def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):

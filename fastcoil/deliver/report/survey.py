@@ -47,14 +47,9 @@ _MAX_LOOKED_AT = 5  # logs, by whose headers those of air handlers are recognise
 
 
 def survey(
-    logs: Any,
-    out: str | os.PathLike[str] | None = None,
-    *,
-    n_jobs: int | None = None,
-    read: Mapping[str, Any] | None = None,
-    progress: bool | None = None,
-    **options: Any,
-) -> xr.Dataset:
+    logs: Any, out: str | os.PathLike[str] | None = None, *, n_jobs: int | None = None,
+    read: Mapping[str, Any] | None = None, progress: bool | None = None, **options: Any,
+) -> xr.Dataset:  # fmt: skip
     """Diagnose the valves of a building and rank them by the control error that they leave.
 
     Logs of air handlers, with more than one valve, are inspected instead, and ranked unit by unit.
@@ -80,11 +75,12 @@ def survey(
     xarray.Dataset
         Along ``valve`` (name of the file, with its folder where several are alike), the costliest first.
         ``degree_hours``: size of the control error integrated over a day of operation, K h d-1, 0 where the valve is
-        shut as it should be, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke),
-        ``identified``, ``hunts``, ``cause``, ``because``, ``warnings``, ``advice``, ``reason``, ``notes`` and the
-        indices of `diagnose`; ``hours`` of operation; ``log``.  ``problem`` says why a log cannot be diagnosed; its
-        numbers are NaN, and it is last.  Of air handlers along ``finding``: ``air_handler``, ``component``, ``kind``,
-        ``size``, ``unit``, ``hours``, ``days``, ``first``, ``last``, ``cause``, ``text``, ``action``.
+        shut as it should be, NaN without a set-point or an hour of operation; ``backlash``, ``low``, ``high``
+        (fractions), ``identified``, ``hunts``, ``cause``, ``because``, ``warnings``, ``advice``, ``reason``, ``notes``
+        and the indices of `diagnose`; ``hours`` of operation; ``log``.  ``problem`` says why a log cannot be
+        diagnosed; its numbers are NaN, and it is last.  Of air handlers along ``finding``: ``air_handler``,
+        ``component``, ``kind``, ``size``, ``unit``, ``hours``, ``days``, ``first``, ``last``, ``cause``, ``text``,
+        ``action``.
 
     Raises
     ------
@@ -203,6 +199,8 @@ def _diagnose_valve(log: Any, **options: Any) -> dict[str, Any]:
     row |= {name: "; ".join(getattr(d, name)) for name in ("warnings", "notes")}
     row |= {"degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"], "advice": d.advice.reason}
     indices = {str(name): float(value) for name, value in d.indices.items()}
+    if row["hours"] < 1.0:  # of operation say nothing of a day
+        row |= dict.fromkeys(("degree_hours", "motor_travel", "reversals"), np.nan)
     return indices | row | dict(zip(("low", "high"), d.interval, strict=True))
 
 

@@ -18,6 +18,7 @@ from helpers.refusals import assert_mistakes, assert_refused
 
 import fastcoil as fc
 from fastcoil.base.text import escape_formulas
+from fastcoil.deliver.report.survey import ranked_rows
 
 pytestmark = pytest.mark.kernel
 
@@ -84,6 +85,16 @@ def test_hours_off_and_hours_with_the_valve_rightly_shut_count_as_no_error():
 
     assert cost(10.0) == pytest.approx(0.5 * cost(10.0, enabled=("elapsed_time", half * 1.0, {"units": "1"})), rel=0.1)
     assert cost(T_sup=20.0) > cost(T_sup=10.0) + 30.0, "a cooling valve that is shut while the air is warm"
+
+
+def test_minutes_of_operation_make_no_rate_a_day_and_come_last():
+    """Half an hour of start-up has an error that no day has."""
+    log = make_loop_log(hours=4)
+    start_up = log.isel(elapsed_time=slice(180))
+    ds = fc.survey({"short": start_up.assign(T_sup=start_up.T_sup + 5.0), "day": log})
+    assert list(ds.valve.values) == ["day", "short"]
+    assert np.isnan([ds[name].sel(valve="short") for name in ("degree_hours", "motor_travel", "reversals")]).all()
+    assert [row[:3] for row in ranked_rows(ds)][1] == ["short", "–", "–"]
 
 
 def test_the_table_holds_the_dataset(surveyed, building):
