@@ -287,6 +287,8 @@ def rows_by_day(by_way: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
     is_inside = is_worn(ds) & (ds.turns > 0.0) & ds.bound.notnull()
     for day in (*range(ds.sizes["day"]), slice(None)):
         among = is_inside.isel(day=day)
+        if not among.any():  # the first day has the good valves, an eighth of all
+            continue
         turns, scaled = (series.isel(day=day).where(among) for series in (ds.turns, ds.bound * ds.K))
         log_turns, log_bound = (np.log(series.values[among.values]) for series in (turns, scaled))
         power = np.polyfit(log_turns, log_bound, 1)[0] if np.unique(log_turns).size > 1 else np.nan
