@@ -270,7 +270,10 @@ def test_the_command_finds_the_form_by_the_suffix_and_refuses_in_a_sentence(tmp_
     endless = "def mine(now, p, memory):\n    while now.e > p.gain:\n        pass\n    return 0.0, memory\n"
     (tmp_path / "mine.py").write_text(rules.RULE_HEADER + endless)
     (tmp_path / "own.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
-    assert_command_refused("export", "own.toml", "-o", "own.fmu")
+    refused = fastcoil("export", "own.toml", "-o", "own.fmu")
+    announcement, sentence = refused.stderr.splitlines()
+    assert (refused.exit_code, announcement[:30]) == (2, "This study runs its own code: ")
+    assert sentence.startswith("fastcoil: estimator = 'mine' cannot be exported: ")
     assert_command_refused("export", "loop.toml", "-o", "x.c", "--language", "fmu")
     assert not [*tmp_path.glob("own.fmu"), *tmp_path.glob("x*")]
 
