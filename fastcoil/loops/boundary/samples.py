@@ -14,6 +14,7 @@ from fastcoil.base.arguments import raise_problems, require_integer
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 from fastcoil.base.machine import available_memory, format_bytes
+from fastcoil.base.text import format_count
 from fastcoil.logs.series import TEMPERATURE_DIFFERENCE
 from fastcoil.loops.labelled import SeriesLabels
 from fastcoil.model.moist_air import MASS_RATIO, liquid_saturation_pressure
@@ -199,7 +200,7 @@ class Samples:
     @property
     def extent(self) -> str:
         """Length, days and start: ``24 h x 3 days from 2023-07-01 00:00:00 (UTC-08:00)``."""
-        text = f"{self.hours:g} h" + (f" x {self.n_days} days" if self.has_day_dim else "")
+        text = f"{self.hours:g} h" + (f" x {format_count(self.n_days, 'day')}" if self.has_day_dim else "")
         if self.start is not None:
             text += f" from {str(self.start[0]).replace('T', ' ')}" + (f" ({self.time_zone})" if self.time_zone else "")
         return text
