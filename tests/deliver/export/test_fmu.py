@@ -274,6 +274,7 @@ def test_the_command_finds_the_form_by_the_suffix_and_refuses_in_a_sentence(tmp_
     announcement, sentence = refused.stderr.splitlines()
     assert (refused.exit_code, announcement[:30]) == (2, "This study runs its own code: ")
     assert sentence.startswith("fastcoil: estimator = 'mine' cannot be exported: ")
+    assert_worded(sentence.removeprefix("fastcoil: "))
     assert_command_refused("export", "loop.toml", "-o", "x.c", "--language", "fmu")
     assert not [*tmp_path.glob("own.fmu"), *tmp_path.glob("x*")]
 
