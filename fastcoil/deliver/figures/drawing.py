@@ -117,9 +117,12 @@ def resolve_swept_axes(values: xr.DataArray, **requested: str | None) -> list[st
     return [unnamed.pop(0) if dim is None else dim for dim in requested.values()]
 
 
-def pick_labels(n: int, most: int = 3) -> list[int]:
-    """Return the indices of labels to draw: all of up to ``most``, else the first, the middle and the last."""
-    return list(range(n)) if n <= most else [0, round((n - 1) / 2), n - 1]
+def pick_labels(n: int, most: int = 3, inner: int | None = None) -> list[int]:
+    """Return the indices of labels to draw: all of up to ``most``, else the first, the last and one between them.
+
+    inner: the one between them, if it is; else the middle.
+    """
+    return list(range(n)) if n <= most else [0, inner if inner and inner < n - 1 else round((n - 1) / 2), n - 1]
 
 
 def _pooled_dims(values: xr.DataArray, *drawn: str) -> list[str]:

@@ -199,7 +199,7 @@ def draw_panels(
     all_ds, ds = ds, ds.sel(fixed)
     if not y and {*fixed} & {*recommended}:
         fixed_words += "; dashed: best and worst of the choices not drawn"
-    all_rows = panel_rows(ds, by)
+    all_rows = panel_rows(ds, by, recommended)
     draw: Callable[..., QuadMesh | None]
     if y:
         draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR_MARKS, 3.0
@@ -327,12 +327,13 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     return figures
 
 
-def panel_rows(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
-    """Return index and words of the labels with a row of panels: all of up to six, else first, middle and last."""
+def panel_rows(ds: xr.Dataset, by: str | None, recommended: Mapping[str, Any] = {}) -> list[tuple[int | None, str]]:
+    """Return index and words of the labels with a row of panels: all of up to six, else first, recommended, last."""
     if by is None:
         return [(None, "")]
     require_choice("by", by, [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1])
-    label_indices = drawing.pick_labels(ds.sizes[by], 6)
+    is_recommended = ds[by].values == recommended.get(by)
+    label_indices = drawing.pick_labels(ds.sizes[by], 6, int(np.argmax(is_recommended)))
     is_plain, pi = (ds[by].values == 0.0) & (by in _ESTIMATE_PARAMETERS), plain_pi_label(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in label_indices]
 

@@ -162,6 +162,21 @@ def test_the_standard_figures_never_pool_a_plain_pi_with_others(study):
     np.testing.assert_allclose(dots, study.rmse.sel(estimate_ratio=0.0, backlash=worst).median("day"))
 
 
+@pytest.mark.parametrize(("best", "titles"), [(2, (0, 40, 140)), (0, (0, 80, 140))])
+def test_of_many_rows_the_first_the_recommended_and_the_last_are_drawn(best, titles):
+    """Where the recommended one is the first, the middle row stands between the first and the last."""
+    rmse = np.full((2, 8), 0.5)
+    rmse[:, best] = 0.1
+    estimates = np.linspace(0.0, 1.4, 8)
+    ds = make_result(("tuning", "estimate_ratio"), {"tuning": ["a", "b"], "estimate_ratio": estimates}, rmse=rmse)
+    figure = plots.draw_panels(ds, "tuning", by="estimate_ratio", metrics=["rmse"])
+    shown = [" ".join(axes.get_title(loc="left").split()) for axes in figure.axes]
+    assert shown == [
+        f"estimate / backlash = {share} %" + ", plain PI" * (share == 0) + ", recommended" * (share == 20 * best)
+        for share in titles
+    ]
+
+
 def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
     rng = np.random.default_rng(2)
     dims, labels = ("controller", "kp", "ti", "day"), {"controller": ["pi", "inverse"]}
