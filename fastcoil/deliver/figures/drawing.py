@@ -164,7 +164,7 @@ def set_swept_scale(axes: Axes, values: np.ndarray) -> None:
         axes.set_xscale("symlog" if is_with_zero else "log", **options)
         axes.minorticks_off()
         axes.xaxis.set_major_locator(FixedLocator(_ONE_TWO_FIVE))
-        axes.xaxis.set_major_formatter("{x:.3g}")
+        axes.xaxis.set_major_formatter("{x:g}")
 
 
 def draw_map(
@@ -204,7 +204,7 @@ def draw_map(
         for colour, line_width in (("white", 3.0), ("black", 1.2)):
             look: Any = {"fill": False, "ec": colour, "lw": line_width, "zorder": 3, "clip_on": False}
             axes.add_patch(Rectangle((column, row), width, height, **look))
-    scale = axes.figure.colorbar(mesh, ax=axes, format="{x:.3g}")
+    scale = axes.figure.colorbar(mesh, ax=axes, format="{x:g}")
     if is_log:
         scale.ax.yaxis.set_major_locator(FixedLocator(_ONE_TWO_FIVE))
         scale.minorticks_off()
