@@ -31,14 +31,13 @@ def write_result(result: Any, out: Path | None, report: Path | None = None, *, l
     """Write a result to ``out``, as TOML with a figure beside it, or as a figure, and to ``report`` as a page."""
     if out is not None:
         from fastcoil.base.figures import write_figures
-        from fastcoil.design.tuning_result import Tuning
 
         if out.suffix.lower() == ".toml":
             tables = tomllib.loads(result.to_toml(out))
             parameters = ", ".join(tables.get("loop", ())) or "no parameter"
             use = f'in a study: [loop] include = ["{out.name}"]; it has {parameters}'
             use = use if "loop" in tables else f"for the next unit: --answers {out}"
-            if isinstance(result, Tuning) and result.advice.startswith("Leave it"):
+            if getattr(result, "leaves_settings", False):  # of a tuning
                 use = f"the advice is to leave the settings as they are; it has {parameters}"
             echo(f"{label + ':':<9}{out} ({use})")
         figure_format = out.suffix.lower().removeprefix(".").replace("toml", "png")

@@ -170,6 +170,11 @@ class Tuning(Result):
         return f"{self._advice_as_given}  {self.contradiction}".rstrip()
 
     @property
+    def leaves_settings(self) -> bool:
+        """Whether the advice is to leave the present settings."""
+        return self._advice_as_given.startswith("Leave it")
+
+    @property
     def _advice_as_given(self) -> str:
         """Leave it, unless the choice keeps its limits and is better beyond chance."""
         may_be_chance = float(self.held_out[CHANGE].sel(tuning=CHOSEN, edge="high")) >= 0.0

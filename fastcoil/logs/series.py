@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from fastcoil.base import text as base_text
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, Problem, did_you_mean, short_repr
 
@@ -235,8 +236,7 @@ HUMIDITY_COLUMNS = ("W_a_in", "RH_a_in", "T_dp_in")  # in one of which it gives 
 
 def format_count(mask_or_count: Mask | int, noun: str) -> str:
     """Format a number with its noun, ``1 row``, ``2 rows``; of a mask, how many it marks."""
-    n = int(np.sum(mask_or_count))
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+    return base_text.format_count(int(np.sum(mask_or_count)), noun)
 
 
 def describe_first_row(row_numbers: Sequence[int], mask: Mask) -> str:

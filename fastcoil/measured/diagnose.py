@@ -180,7 +180,8 @@ def require_seconds(name: str, value: Any, least: float) -> float:
 def note_stroke_time(stroke_time: float | None) -> list[str]:
     """Return a note on a stroke time, s, that is assumed or unusual."""
     if stroke_time is None:
-        return ["the motor is assumed to take 90 s per stroke: give stroke_time if you know it"]
+        assumed = f"the motor is assumed to take {identify.USUAL_STROKE_TIME:g} s per stroke"
+        return [f"{assumed}: give stroke_time if you know it"]
     is_usual = not stroke_time or 10.0 <= stroke_time <= 600.0
     return [] if is_usual else [f"stroke_time = {stroke_time:g} s: most motors take 10 to 600 s: check the unit"]
 

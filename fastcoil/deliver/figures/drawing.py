@@ -120,7 +120,7 @@ def resolve_swept_axes(values: xr.DataArray, **requested: str | None) -> list[st
 def pick_labels(n: int, most: int = 3, inner: int | None = None) -> list[int]:
     """Return the indices of labels to draw: all of up to ``most``, else the first, the last and one between them.
 
-    inner: the one between them, if it is; else the middle.
+    inner: index of the one between them; the middle if it is None, the first or the last.
     """
     return list(range(n)) if n <= most else [0, inner if inner and inner < n - 1 else round((n - 1) / 2), n - 1]
 

@@ -199,7 +199,7 @@ def _diagnose_valve(log: Any, **options: Any) -> dict[str, Any]:
     row |= {name: "; ".join(getattr(d, name)) for name in ("warnings", "notes")}
     row |= {"degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"], "advice": d.advice.reason}
     indices = {str(name): float(value) for name, value in d.indices.items()}
-    if row["hours"] < 1.0:  # of operation say nothing of a day
+    if row["hours"] < 1.0:  # less than an hour of operation says nothing of a day
         row |= dict.fromkeys(("degree_hours", "motor_travel", "reversals"), np.nan)
     return indices | row | dict(zip(("low", "high"), d.interval, strict=True))
 

@@ -241,9 +241,7 @@ def _answer_learning(question: str, choices: Choices, results: xr.Dataset) -> An
 def _estimators(results: xr.Dataset) -> list[str]:
     """Return the estimators of a result."""
     stored = json.loads(results.attrs.get("parameters", "{}")).get("estimator", "none")
-    return list(
-        map(str, np.atleast_1d(results.coords["estimator"].values if "estimator" in results.coords else stored))
-    )
+    return [str(name) for name in np.atleast_1d(results.coords.get("estimator", stored))]
 
 
 def _describe_comparator(name: str, part: xr.Dataset, plain: xr.Dataset, runs: str) -> str:
